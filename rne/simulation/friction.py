@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import ReadOnlyArrays, copy_with, read_only, real_numbers
+from ..basics.docstrings import describe_parameters
 from ..basics.spatial import Array
 from ..basics.text import listed, short, summary
 from ..dynamics.crba import mass_matrix
@@ -34,6 +35,14 @@ class Following(np.ndarray[Any, Any]):
     """Coefficient of the negative direction that was not given and equals that of the positive one."""
 
 
+@describe_parameters(
+    """
+    model : Model
+        The robot, for the number of its joints.
+    qd : array_like, shape (..., n)
+        Joint velocities [rad/s or m/s].
+    """
+)
 @dataclass(frozen=True, eq=False)
 class Friction(ReadOnlyArrays):
     """Joint friction torques, which the drives must supply in addition to inverse dynamics.
@@ -203,11 +212,6 @@ class Friction(ReadOnlyArrays):
     def check(self, model: Model) -> None:
         """Raise an error for arrays that do not have one entry per joint.
 
-        Parameters
-        ----------
-        model : Model
-            The robot that the friction is meant for.
-
         Raises
         ------
         ValueError
@@ -220,11 +224,6 @@ class Friction(ReadOnlyArrays):
 
     def viscous_torque(self, qd: Array) -> Array:
         """Viscous friction at given joint velocities.
-
-        Parameters
-        ----------
-        qd : ndarray, shape (..., n)
-            Joint velocities [rad/s or m/s].
 
         Returns
         -------
@@ -240,11 +239,6 @@ class Friction(ReadOnlyArrays):
         """Coulomb friction at joint velocities with its Stribeck effect, smoothed around zero.
 
         Dry friction has its value while slipping, and is zero at rest.
-
-        Parameters
-        ----------
-        qd : ndarray, shape (..., n)
-            Joint velocities [rad/s or m/s].
 
         Returns
         -------
@@ -278,10 +272,6 @@ class Friction(ReadOnlyArrays):
 
         Parameters
         ----------
-        model : Model
-            The robot, for the number of its joints.
-        qd : array_like, shape (..., n)
-            Joint velocities [rad/s or m/s].
         load : array_like, shape (..., n), optional
             Torques of inverse dynamics, for friction under load [N m or N].
 

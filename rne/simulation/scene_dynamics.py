@@ -138,6 +138,11 @@ def _hashable(numbers: Any) -> Any:
     return tuple(array.tolist()) if array.dtype.kind == "f" else array
 
 
+def declared(name: str, title: str, **how: Any) -> cached_property[MethodQuantity]:
+    """Property with the declared function of the method `name`_core, of which kernels are traced."""
+    return cached_property(lambda dynamics: dynamics._declared(name, title, **how))
+
+
 @dataclass(frozen=True)
 class SceneDynamics(WithNumbers):
     """Forces, limits and controller of a scene; equal by value, laws by their formulas.
@@ -512,18 +517,20 @@ class SceneDynamics(WithNumbers):
     ) -> PrecisionStatus:
         return check_singularity(model, {"q": arguments["x"][..., : self.joints]}, rates, pivots, diagonal)
 
-    def _declared(self, name: str, title: str, *, a: bool = False, modes: bool = False, **how: Any) -> MethodQuantity:
+    def _declared(
+        self, name: str, title: str, *, a: bool = False, modes: bool = False, start: bool = False, **how: Any
+    ) -> MethodQuantity:
         """Declared function with the lengths of its arguments: t, x, perhaps a, u where there are inputs, piece."""
         inputs = (self.joints + self.states if self.torque_given else 0) + (2 * self.n if modes else 0)
-        widths: dict[str, int | None] = {"t": 1, "x": self.size}
+        widths: dict[str, int | None] = {"q": self.joints} if start else {"t": 1, "x": self.size}
         widths |= {"a": self.n} if a else {}
-        widths |= {"u": inputs} if modes or self.torque_given else {}
-        widths |= {} if self.law is None else self.law.piece_width
+        widths |= {"u": inputs} if modes or (self.torque_given and not start) else {}
+        widths |= {} if self.law is None or start else self.law.piece_width
         widths["numbers"] = len(self.vector)
         core = partial(self.template.core_at, f"{name}_core")
         how |= {"check": partial(self.template._judged, how["check"])} if "check" in how else {}
         how |= {"core": core, "moments": True, "base_parameters": True, "of_run": "numbers"}
-        how |= {"analytic": self.law is None and type(self.friction) in (type(None), Friction)}
+        how |= {"analytic": not start and self.law is None and type(self.friction) in (type(None), Friction)}
         return MethodQuantity(self.template, Quantity(name=name, widths=widths, **how), title)
 
     @cached_property
@@ -533,36 +540,11 @@ class SceneDynamics(WithNumbers):
         how: dict[str, Any] = {"check": "_check_rates", "velocities": velocities}
         return self._declared("right_hand_side", "the right-hand side", **how)
 
-    @cached_property
-    def rates_and_drives(self) -> MethodQuantity:
-        """dx/dt, then the torques of the drives within their limits."""
-        return self._declared("rates_and_drives", "the right-hand side", check="_check_rates")
-
-    @cached_property
-    def drive_torques(self) -> MethodQuantity:
-        """Torques of the drives within their limits."""
-        return self._declared("drive_torques", "the torques of the drives")
-
-    @cached_property
-    def accelerations(self) -> MethodQuantity:
-        """Rates dx/dt without those of positions, which are entries of the state."""
-        return self._declared("accelerations", "the accelerations")
-
-    @cached_property
-    def residual(self) -> MethodQuantity:
-        """Residual of the equations of motion, whose derivatives linearise the motion."""
-        return self._declared("residual", "the equations of motion", a=True)
-
-    @cached_property
-    def start_of_motors(self) -> MethodQuantity:
-        """Initial positions of motors behind elastic joints as a function of the links' positions."""
-        widths: dict[str, int | None] = {"q": self.joints, "numbers": len(self.vector)}
-        core = partial(self.template.core_at, "start_of_motors_core")
-        how: dict[str, Any] = {"moments": True, "base_parameters": True, "of_run": "numbers"}
-        quantity = Quantity(name="start_of_motors", widths=widths, core=core, **how)
-        return MethodQuantity(self.template, quantity, "the start of the motors")
-
-    @cached_property
-    def right_hand_side_under_modes(self) -> MethodQuantity:
-        """dx/dt while some joints stick, the loads of dry friction and net torques without it."""
-        return self._declared("right_hand_side_under_modes", "the right-hand side", modes=True, check="_check_balance")
+    rates_and_drives = declared("rates_and_drives", "the right-hand side", check="_check_rates")  # dx/dt, then torques
+    drive_torques = declared("drive_torques", "the torques of the drives")
+    accelerations = declared("accelerations", "the accelerations")  # dx/dt without the rates of positions
+    residual = declared("residual", "the equations of motion", a=True)  # its derivatives linearise the motion
+    start_of_motors = declared("start_of_motors", "the start of the motors", start=True)  # as a function of the links'
+    right_hand_side_under_modes = declared(
+        "right_hand_side_under_modes", "the right-hand side", modes=True, check="_check_balance"
+    )
