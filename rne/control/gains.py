@@ -126,7 +126,7 @@ def check_gains(
     ValueError
         If a gain or a sample time is not finite, has the wrong sign or shape.
     SingularMassMatrixError
-        If M is singular somewhere in the workspace; names the joints.
+        If M is singular somewhere in the workspace; the error lists the joints.
 
     Notes
     -----

@@ -44,7 +44,7 @@ class BearingPeaks(InNotebooks):
     not_known : tuple of str
         Joints whose loads are not known, as they move together with others by parts that the robot does not have.
     follow : tuple of str
-        Joints that follow by such parts: mimics, and those of `rne.model.coupled`.
+        Joints that follow others by such parts: mimics, and joints of `rne.model.coupled`.
     """
 
     joints: tuple[str, ...]

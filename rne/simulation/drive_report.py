@@ -30,7 +30,7 @@ COARSE = 2e-3  # error of work relative to all energy exchanged: twice that of a
 class DriveReport(InNotebooks):
     """Loads of drives, gears and bearings over a cycle, found by `rne.drives`; `print` shows them as tables.
 
-    Integrals over time are those of the trapezoidal rule over the samples.
+    Integrals over time are by the trapezoidal rule over the samples.
 
     Attributes
     ----------
@@ -196,7 +196,7 @@ class DriveReport(InNotebooks):
 
     @property
     def torque_share(self) -> Array:
-        """Peak torques, those of the rotors added, over their limits, 0 where there is none, shape (n,)."""
+        """Peak torques, rotors included, over their limits, 0 where there is none, shape (n,)."""
         return np.asarray(self._shares["torque"].max(0))
 
     @property

@@ -1,8 +1,8 @@
 """Events inside a solver's steps: crossings of zero that come and go between the ends of a step; the joints' stops.
 
 An event is a function of times and states, negative before it happens and positive after. All are evaluated on the
-interpolants of some steps at NODES points of each; only where one may have happened is it searched for, between those
-points and around each local maximum, so that a value that passes zero and returns is found.
+interpolants of some steps at NODES points of each. An event is searched for only where one may have happened: between
+those points and around each local maximum, so that a value that passes zero and returns is found.
 """
 
 from __future__ import annotations

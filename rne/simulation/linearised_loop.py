@@ -17,7 +17,7 @@ from ..robot import Robot
 from .plant import Plant, own_copy, with_own_law
 from .scene_dynamics import SceneDynamics
 
-AT_REST = 1e-6  # negligible accelerations at the target, relative to those by the torques alone
+AT_REST = 1e-6  # negligible accelerations at the target, relative to those by only the torques
 NEAR, LATER = 1e-2, 1e-3  # distances from the target and time [s] for tests of a law's memory
 CALLS = 64  # calls after which the memory of a law, such as a delay, is filled
 BESIDE, JUMP = 1e-6, 1e-3  # distance from the target; relative change of derivatives that is a kink

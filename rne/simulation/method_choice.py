@@ -17,7 +17,7 @@ from ..integrators.tableaus import EXPLICIT, tableau
 from .plant import Plant
 from .zero_order_hold import ZeroOrderHold
 
-# Fastest decay times remaining duration above which an explicit method is held to tiny steps by stability alone:
+# Fastest decay times remaining duration above which only stability holds an explicit method to tiny steps:
 # DOP853 reaches about 6 time constants a step, so this is about 200 steps that accuracy does not need.
 STIFF = 1000.0
 STIFF_STICKING = 1e5  # the same with sticking joints and compiled steps, which are 100 times as fast as LSODA's

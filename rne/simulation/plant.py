@@ -196,7 +196,7 @@ class Plant:
     def all_outputs(self, t: Array, X: Array, u: Array | None = None, few: int = 1) -> Array:
         """Results of the equations' kernel at times (T,) in states (T, size), for traced laws or given inputs.
 
-        Machine code of one state gives those of a few: loading that of many takes some 8 ms.
+        A few states are evaluated one by one in machine code: loading the code for many takes about 8 ms.
         """
         states = self._inputs(t[:, None], X, u)
         fastest = np.abs(X[:, self.dynamics.n : 2 * self.dynamics.n]).max(initial=0.0)

@@ -226,7 +226,7 @@ class RunResult:
         plant, dynamics, N = self.plant, self.plant.dynamics, self.plant.dynamics.n
         t = self.reported.t
         after = self.reported._replace(t=np.where(np.isin(t, self.task.breaks), np.nextafter(t, np.inf), t))
-        tau, rates, failure = _torques_and_accelerations(plant, after, self._held(t))  # those of breaks just after them
+        tau, rates, failure = _torques_and_accelerations(plant, after, self._held(t))  # at breaks just after them
         t, x, _ = self.reported.first(len(tau))
         qdd, driven = rates[:, : plant.robot.n], dynamics.driven
         moved = x[:, :N][:, driven], x[:, N : 2 * N][:, driven], rates[:, driven]  # by the drives

@@ -331,7 +331,7 @@ class Scene:
         "controller.<name>" of the floats and arrays of floats that a law holds, as fields, attributes, in the cells of
         its closure or as defaults, and of the samples of a spline that it follows, (K, n); "springs[k].<field>";
         "elastic.<field>", (n,). By a second program: "parameters", (10 nb,), of the robot with its payload as
-        `Robot.parameters`; "payload", (10,), of the added body alone, about the origin of its link; "armature", (nb,);
+        `Robot.parameters`; "payload", (10,), of only the added body, about the origin of its link; "armature", (nb,);
         "gravity", (3,), as the scene takes it. Its print says the units. Parts that the scene does not have give no
         names.
 
@@ -474,8 +474,8 @@ class Scene:
             may not notice, where something decays faster than 2.7 steps / h: friction at a joint of inertia m decays at
             (viscous + coulomb / smoothing) / m, which is thousands per second at the default smoothing.
         parameters : bool
-            True for the inertial parameters as an argument, those of the robot with its payload, which are
-            `scene.resolved.robot.parameters`. Laws keep those of their own robot.
+            True for the inertial parameters of the robot with its payload as an argument, such as
+            `scene.resolved.robot.parameters`. Laws keep the parameters of their own robot.
 
         Returns
         -------
@@ -531,7 +531,7 @@ class Scene:
             are given after the links, (2 n,) [rad or m; rad/s or m/s].
         payload : str, optional
             A link that carries a body whose mass, centre of mass and inertia are parameters, `payload.mass`, ...; they
-            start at those of the scene's payload, or at 0.
+            start at the values of the scene's payload, or at 0.
         numbers : sequence of str
             Names of `numbers` that are parameters, and "payload.mass", only the mass of the scene's payload.
         derivatives : bool
@@ -692,7 +692,7 @@ class Scene:
         dict
             "total"; for payload, friction, springs, effort_limit, controller (where given), armature and gravity, the
             operations saved without it; "law", whether the controller is "traced", "called" or "none", and "why" it is
-            called. The cost of a called controller is not known, nor that of a robot too large to be written out: then
+            called. The costs of a called controller and of a robot too large to be written out are not known: then
             "total" is None.
         """
         law: dict[str, int | str | None] = {"law": "none"}

@@ -50,7 +50,7 @@ from .springs import Springs
 
 
 class MotorSide(NamedTuple):
-    """Motors behind elastic joints, one number per joint, and the side that laws read."""
+    """Motors of elastic joints, one number per joint, and the side that laws read."""
 
     stiffness: tuple[float, ...]
     damping: tuple[float, ...]
@@ -432,7 +432,7 @@ class SceneDynamics(WithNumbers):
         return 0 * x[..., : self.joints] if drives is None else drives
 
     def accelerations_core(self, model: Model, t: Array, x: Array, u: Array | None = None) -> Array:
-        """Rates dx/dt without those of positions, which are entries of the state."""
+        """Rates dx/dt without the rates of positions, which are entries of the state."""
         rates: Array = self.right_hand_side_core(model, t, x, u)[0]
         return rates[..., self.n :]
 

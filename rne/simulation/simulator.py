@@ -204,7 +204,7 @@ def _with_torque(scene: Scene, torque: ArrayLike | TorqueLaw | None) -> Scene:
 
 
 def one_state(name: str, array: Array) -> Array:
-    """Initial array, checked to be that of one motion."""
+    """Initial array, checked to have the shape of one motion."""
     if array.ndim == 1 and array.dtype == np.float64:
         return array
     return real_array(name, array, f"({array.shape[-1]},), one state").astype(np.float64)

@@ -30,8 +30,8 @@ class Spring:
     """Spring between points of two links, for a Scene; equal by value.
 
     Its tension is stiffness (l - length) - force + damping dl/dt, where l is the distance of the points: it pulls
-    where this is positive. So a gas spring, which pushes, has force > 0. With `force` alone, without stiffness, it is a
-    constant force between the points, with `damping` alone a damper.
+    where this is positive. So a gas spring, which pushes, has force > 0. With only `force`, without stiffness, it is a
+    constant force between the points, with only `damping` a damper.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class Spring:
         stiffness : float
             Torque per angle, or force per length [N m/rad or N/m].
         rest : float
-            Position without torque; it may be out of the joint's range, as of a spring with preload [rad or m].
+            Position without torque; it may be out of the joint's range, as for a spring with preload [rad or m].
         damping : float
             Torque per velocity [N m s/rad or N s/m].
 

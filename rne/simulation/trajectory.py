@@ -415,7 +415,7 @@ class Trajectory(InNotebooks):
         -------
         pathlib.Path
             The file written: a heading `"t"`, `q.<joint>`, `qd.<joint>`, `qdd.<joint>`, `tau.<joint>`, then one row per
-            sample in SI units, with all digits, with elastic joints `motor_q.<joint>` and `motor_qd.<joint>` behind.
+            sample in SI units, with all digits; with elastic joints `motor_q.<joint>` and `motor_qd.<joint>` follow.
             `rne.trajectories.read_csv` reads what belongs to the joints.
 
         Raises

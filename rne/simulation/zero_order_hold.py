@@ -24,7 +24,7 @@ from .plant import Plant, checked_of_states, checked_torques
 from .scene import Scene
 
 MAX_EVALUATIONS = 20_000  # most evaluations between two samples, about a hundred times those of a stable loop
-MAX_STEPS = MAX_EVALUATIONS // 10  # most steps of a motion side by side with others, which is then run alone
+MAX_STEPS = MAX_EVALUATIONS // 10  # most steps of a motion side by side with others, which is then run separately
 
 
 class ControlSamples(NamedTuple):
