@@ -486,6 +486,11 @@ class TestDryFrictionOfSeveralJoints:
         scene = self.scene(two, lambda t, q, qd: np.array([1.0, 0.0]), coulomb=[1, 1])
         assert not rne.simulate(scene, [0, 0], [0, 0], 1.0).q.any()
 
+    def test_torques_of_a_law_are_those_of_the_states_whatever_sticks_at_the_end(self, two):
+        motion = rne.simulate(self.scene(two, lambda t, q, qd: -2.0 * qd, coulomb=[1, 1]), [0, 0], [3.0, -3.0], 5.0)
+        assert not motion.qd[-1].any()
+        np.testing.assert_array_equal(motion.tau, -2.0 * motion.qd)
+
     @pytest.mark.parametrize("breaks", [[1.0], []])
     def test_a_jump_of_the_torque_is_met_while_a_joint_sticks(self, two, breaks):
         scene = self.scene(two, lambda t, q, qd: np.array([0.5 if t < 1 else 5.0, 0.0]), coulomb=[1, 1])

@@ -200,7 +200,7 @@ class DryPlant(Plant):
         if X is not self.asked:
             t = np.clip(t, *self.span)
             if u is None:
-                u = self.torques_at(t, X) if self.law is not None else self.sampled
+                u = self.torques_at(t, self.reported(X)) if self.law is not None else self.sampled
             u = None if u is None else np.broadcast_to(u, (len(t), u.shape[-1]))
             inputs = with_modes(u, np.repeat(self.modes[None], len(t), axis=0))
             _, loads, net = np.split(self.all_outputs(t, X, inputs), self._parts, axis=-1)

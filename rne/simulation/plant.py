@@ -139,7 +139,7 @@ class Plant:
         """Torques of the law, and the rates of its states; errors name the time of a NaN or a wrong shape."""
         if self.law is None:
             return self.sampled
-        u, rates = self.called(self.law, t, self.reported(x))
+        u, rates = self.called(self.law, t, x)
         torques = checked_torques(self.law_name, u, self.robot, t)
         return torques if rates is None else np.append(torques, checked_of_states(rates, self.dynamics.states, t))
 
@@ -162,7 +162,7 @@ class Plant:
 
     def inputs(self, t: float, x: Array) -> Array | None:
         """Inputs of the equations: the torques, held or those that a law returns, and the modes."""
-        return with_modes(self.torque(t, x), self.modes)
+        return with_modes(self.sampled if self.law is None else self.torque(t, self.reported(x)), self.modes)
 
     def rates(self, t: float, x: Array, u: Array | None) -> Array:
         """dx/dt under given inputs."""
