@@ -409,7 +409,7 @@ WRONG = {
     "nothing": (
         lambda s, e: rne.plotting.plot(([0.0, 1.0], None)),
         ValueError,
-        "`motion` must hold at least one array beside t, got none",
+        "`motion` must hold at least one array in addition to t, got none",
     ),
     "nan": (
         lambda s, e: rne.plotting.plot(([0, np.nan], PAIR[1])),

@@ -1,8 +1,4 @@
-"""Pages: text, tables and pictures that are printed while they grow and written as HTML.
-
-The HTML is written out here because no template engine is among the dependencies. Pictures have no small print and log
-axes plain numbers, so that they can be read on a phone.
-"""
+"""Pages: text, tables and pictures that are printed while they grow and written as HTML, also legible on a phone."""
 
 from __future__ import annotations
 
@@ -90,7 +86,7 @@ DARK_COLORS = (  # matplotlib's ten, of the same hues
 )
 NARROW, SHORT, LONGEST = 46, 12, 30  # characters of: a row on a phone; a cell never broken; the longest
 SKY = "#e4e9f0"  # behind the robot on light and dark pages, as in the viewer
-FILM_FPS = 8.0  # frames per second of the picture in place of a 3-D view
+FILM_FPS = 8.0  # frames per second of the picture instead of a 3-D view
 THREE_D = (  # where a browser can draw it, over the picture until it does; the picture stays otherwise
     "<script>if(document.createElement('canvas').getContext('webgl2'))document.currentScript.previousElementSibling"
     '.outerHTML=\'<iframe src="%s.html" title="3-D view" style="background:center/contain no-repeat url(%s.gif)">'
@@ -106,10 +102,7 @@ class PageBlock(NamedTuple):
 
 
 class Report:
-    """Headings, text, tables and pictures, in order: each line is said at once, the page is written into a folder.
-
-    `begin` is called with the name of the next picture, for a display of the progress.
-    """
+    """Headings, text, tables and pictures, printed at once by `say`, and a page of them; `begin` shows the progress."""
 
     def __init__(
         self, title: str, say: Callable[[str], None], folder: Path, begin: Callable[[str], None] = lambda what: None
@@ -168,14 +161,13 @@ class Report:
     def film(
         self, name: str, motion: Trajectory | tuple[Array, Array], caption: str, robot: Robot | None = None
     ) -> None:
-        """Add an animated motion: in 3-D, or as a plain animation where viewer or WebGL is missing.
-
-        A motion that is no Trajectory is (t, q) of the robot.
-        """
+        """Add a Trajectory, or (t, q) of a robot: in 3-D, or as a plain animation where viewer or WebGL is missing."""
         in_3d = importlib.util.find_spec("viser") is not None
-        if ways := ["in 3-D"] * in_3d + ["as an animation"] * has_matplotlib():
-            self.say(f"drawing the motion {' and '.join(ways)}")
-            self.begin("drawing the motion")
+        ways = ["in 3-D"] * in_3d + ["as an animation"] * has_matplotlib()
+        if not ways:
+            return
+        self.say(f"drawing the motion {' and '.join(ways)}")
+        self.begin("drawing the motion")
         if isinstance(motion, Trajectory):
             assert motion.model is not None
             robot = Robot(motion.model)
@@ -188,8 +180,7 @@ class Report:
 
             with matplotlib.style.context([{f"{part}.facecolor": SKY for part in ("figure", "axes")}]):
                 animate(robot, motion, self.folder / f"{name}.gif", fps=FILM_FPS)
-        if in_3d or has_matplotlib():
-            self.blocks.append(PageBlock("film", (name, caption, in_3d)))
+        self.blocks.append(PageBlock("film", (name, caption, in_3d)))
 
     @contextmanager
     def kept_if_interrupted(self) -> Iterator[None]:
@@ -215,10 +206,8 @@ class Report:
         )
         body = "\n".join([f"<h1>{escape(self.title)}</h1>", *pieces, ""])
         body = re.sub(r"(<figure><picture>.*\n){2,}", r'<div class="pictures">\n\g<0></div>\n', body)  # side by side
-        path = self.folder / "index.html"
-        path.write_text(
-            f'<!doctype html><html lang="en"><head>{head}</head><body>{body}</body></html>\n', encoding="utf-8"
-        )
+        path, text = self.folder / "index.html", f"<head>{head}</head><body>{body}</body>"
+        path.write_text(f'<!doctype html><html lang="en">{text}</html>\n', encoding="utf-8")
         return path
 
 
@@ -248,10 +237,10 @@ def _html(block: PageBlock, number: int) -> str:
         is_wide = _is_wide(content)
         labels = [f' data-label="{cell}"' if is_wide else "" for cell in header]
         head = "".join(f"<th>{cell}</th>" for cell in header)
-        body = "".join(
-            f"<tr>{''.join(f'<td{_long(cell)}{x}>{cell}</td>' for x, cell in zip(labels, row, strict=True))}</tr>"
-            for row in rows
-        )
+        body = ""
+        for row in rows:
+            cells = (f"<td{_long(cell)}{x}>{cell}</td>" for x, cell in zip(labels, row, strict=True))
+            body += f"<tr>{''.join(cells)}</tr>"
         table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
         return f'<div class="scroll{" wide" * is_wide}">{table}</div>'
     attribute = f' id="s{number}"' if is_heading(block) else ' class="scroll"' * (tag == "pre" and "\n" in content)

@@ -23,10 +23,7 @@ EXPECTED = "an rne.Trajectory or a tuple of arrays (t, q)"
 
 
 class Motion:
-    """Motion to be drawn: a trajectory, evaluated between the solver's steps, or samples with straight lines between.
-
-    Samples are those of "q", "qd", "qdd" and "tau" that there are, shape (T, n), at times that never fall, shape (T,).
-    """
+    """Motion to be drawn: samples (T, n) of "q", "qd", "qdd", "tau" at times (T,), of a trajectory also in between."""
 
     def __init__(self, t: Array, samples: dict[str, Array], trajectory: Trajectory | None = None) -> None:
         self.t, self.samples, self.trajectory = t, samples, trajectory
@@ -69,18 +66,14 @@ class Motion:
 
 
 def motion_argument(name: str, given: Any) -> Motion:
-    """Motion of a Trajectory or of arrays (t, q), (t, q, qd), (t, q, qd, qdd) or (t, q, qd, qdd, tau).
-
-    A TypeError refuses anything else, a ValueError names the array that is empty, falling in time, of the wrong shape
-    or not finite.
-    """
+    """Motion of a Trajectory or of arrays (t, q), (t, q, qd), (t, q, qd, qdd) or (t, q, qd, qdd, tau), checked."""
     if isinstance(given, Trajectory):
         keys = (*JOINT_ARRAYS, *(MOTORS if given.motor_q.size else ()))
         motion = Motion(np.asarray(given.t), {key: getattr(given, key) for key in keys}, given)
     elif isinstance(given, tuple | list) and 2 <= len(given) <= 1 + len(JOINT_ARRAYS):
         motion = arrays_argument([f"{name}[{k}]" for k in range(len(given))], given[0], given[1:])
         if not motion.samples:
-            raise ValueError(f"`{name}` must hold at least one array beside t, got none")
+            raise ValueError(f"`{name}` must hold at least one array in addition to t, got none")
     else:
         raise TypeError(f"`{name}` must be {EXPECTED}, got {type(given).__name__}")
     if not len(motion.t):
@@ -121,10 +114,7 @@ def check_positions(name: str, motion: Motion, robot: Robot) -> Motion:
 
 
 def joint_labels(motion: Motion, names: Robot | Sequence[str] | None) -> tuple[tuple[str, ...], Array | None]:
-    """Names of the joints, by default those of the motion's model or numbers, and for each whether it rotates.
-
-    The types of joints are None without a model.
-    """
+    """Names of the joints, by default of the motion's model or numbers, and if each rotates, None without a model."""
     model = motion.model
     if isinstance(names, Robot):
         model, names = names.model, names.joint_names

@@ -1,9 +1,4 @@
-"""HTML pages of robots and motions for notebooks, without scripts or style sheets.
-
-Jupyter asks an object for `_repr_html_`, which calls `html`. Colours are those of the notebook, light or dark; wide
-tables scroll in their own boxes, so that a page on a phone does not. All text passes through `html.escape`, since names
-come from files.
-"""
+"""HTML of robots and motions for notebooks, by `_repr_html_`: in the notebook's colours, with all text escaped."""
 
 from __future__ import annotations
 
@@ -46,7 +41,7 @@ def html(thing: Any) -> str:
 
 @html.register
 def _(robot: Robot) -> str:
-    """A picture of the robot at q = 0, its joints and its bodies; without matplotlib the tables alone."""
+    """A picture of the robot at q = 0, its joints and its bodies; without matplotlib only the tables."""
     model = robot.model
     pieces = [_text(repr(robot))]
     if has_matplotlib():

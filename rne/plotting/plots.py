@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import real_numbers
 from ..basics.spatial import Array
 from ..basics.text import short
+from ..model.model import Model
 from ..robot import Robot
 from ..simulation.drive_report import DriveReport
 from ..simulation.ensembles import Ensemble
@@ -175,8 +176,8 @@ def quantile_plot(
 
     Notes
     -----
-    Quantiles are known at the stored times only, and joined by straight lines. They are quantiles of each joint alone:
-    no single motion need follow any of them.
+    Quantiles are known at the stored times only, and joined by straight lines. They are quantiles of each joint
+    separately: no single motion need follow any of them.
 
     Examples
     --------
@@ -189,29 +190,33 @@ def quantile_plot(
     if not isinstance(ensemble, Ensemble):
         raise TypeError(f"`ensemble` must be an rne.Ensemble, got {type(ensemble).__name__}")
     model = ensemble.model
-    names = _some_of(model.joint_names, model.joint_names if joints is None else joints, "joints", "joint")
+    names = _some_of(model.joint_names, joints, "joints", "joint")
     chosen = [model.joint_names.index(name) for name in names]
     levels = real_numbers("probabilities", probabilities, "(P,)")
     if levels.ndim != 1 or not len(levels) or (np.diff(levels) <= 0).any():
-        raise ValueError(
-            f"`probabilities` must be rising numbers from 0 to 1, got {np.asarray(probabilities).tolist()}"
-        )
+        given = np.asarray(probabilities).tolist()
+        raise ValueError(f"`probabilities` must be rising numbers from 0 to 1, got {given}")
     values = ensemble.quantiles(levels, of)
     if axes is None:
         title, height = f"{ensemble.q.shape[1]} motions of {model.name}", 2.6 if len(chosen) > 1 else 3.2
         where = panels(len(chosen), title, min(len(chosen), 3), height)
     else:
         where = check_axes(axes, names)
-    for ax, k, joint in zip(where, chosen, names, strict=True):
+    for ax, k in zip(where, chosen, strict=True):
         _bands(ax, ensemble.t, values[..., k], levels)
-        name, unit = QUANTITIES[of][not model.is_revolute[model.independent_joints[k]]]
-        style_axes(ax, f"{name} [{unit}]")
-        ax.set_title(literal(joint), fontsize="medium")
+        _style_of_joint(ax, model, k, of)
     figure = figure_of(where)
     if axes is None:
         handles, labels = where[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4), frameon=False)
+        figure.legend(handles, labels, **BELOW | {"ncols": min(len(labels), 4)})
     return figure
+
+
+def _style_of_joint(ax: Axes, model: Model, k: int, of: str, more: str = "") -> None:
+    """Title and label of a panel for one quantity of joint k."""
+    name, unit = QUANTITIES[of][not model.is_revolute[model.independent_joints[k]]]
+    style_axes(ax, f"{name} [{unit}]{more}")
+    ax.set_title(literal(model.joint_names[k]), fontsize="medium")
 
 
 def _bands(ax: Axes, t: Array, values: Array, levels: Array) -> None:
@@ -232,7 +237,7 @@ def sensitivity_plot(
     joints: Sequence[str] | None = None,
     axes: Axes | Sequence[Axes] | None = None,
 ) -> Figure:
-    """Derivatives of a motion by one number over time, one panel for each joint.
+    """Derivatives of a motion with respect to one number over time, one panel for each joint.
 
     Parameters
     ----------
@@ -257,7 +262,7 @@ def sensitivity_plot(
     TypeError
         If `found` are no Sensitivities, or `axes` are no axes.
     ValueError
-        If the motion was not differentiated by this number, or `of` or a joint is unknown.
+        If the motion was not differentiated with respect to this number, or `of` or a joint is unknown.
     ImportError
         If matplotlib is not installed.
 
@@ -273,15 +278,17 @@ def sensitivity_plot(
     _some_of(("q", "qd", "tau"), [of], "of", "quantity")
     number = _some_of(tuple(found.dq), [next(iter(found.dq), "") if name is None else name], "name", "number")[0]
     model, slopes = found.model, getattr(found, f"d{of}")[number]
-    names = _some_of(model.joint_names, model.joint_names if joints is None else joints, "joints", "joint")
-    where = panels(len(names), f"Derivatives by {number}, {model.name}") if axes is None else check_axes(axes, names)
+    names = _some_of(model.joint_names, joints, "joints", "joint")
+    where = (
+        panels(len(names), f"Derivatives with respect to {number}, {model.name}")
+        if axes is None
+        else check_axes(axes, names)
+    )
     entries = [f"{number}[{k}]" if slopes.shape[2] > 1 else number for k in range(slopes.shape[2])]
     for ax, joint in zip(where, names, strict=True):
         k = model.joint_names.index(joint)
         plot_columns(ax, found.t, slopes[:, k], entries, joint_colors(len(entries)))
-        title, unit = QUANTITIES[of][not model.is_revolute[model.independent_joints[k]]]
-        style_axes(ax, f"{title} [{unit}]\nby {literal(number)}")
-        ax.set_title(literal(joint), fontsize="medium")
+        _style_of_joint(ax, model, k, of, f"\nby {literal(number)}")
     legend_beside(where[0])
     return figure_of(where)
 
@@ -348,9 +355,8 @@ def prediction_plot(
             wanted = f"({len(times)}, n)" if name == "measured" else str(shape)
             raise ValueError(f"`{name}` must have shape {wanted}, got {np.shape(x)}")
     used = np.broadcast_to(np.asarray(valid, dtype=bool), shape)
-    torques, expected, speed, deviation = (
-        np.broadcast_to(np.asarray(x, dtype=np.float64), shape) for x in list(given.values())[:-1]
-    )
+    arrays = (np.broadcast_to(np.asarray(x, dtype=np.float64), shape) for x in (measured, predicted, qd, std))
+    torques, expected, speed, deviation = arrays
     labels, rotating = joint_labels(Motion(times, {"tau": torques}), joint_names)
     if units is None:
         units = np.where(np.ones(len(labels), bool) if rotating is None else rotating, "N m", "N").tolist()
@@ -417,8 +423,10 @@ def panels_of(
     return found
 
 
-def _some_of(known: Sequence[str], given: Sequence[str], argument: str, noun: str) -> Sequence[str]:
-    """Names given, at least one and all of them known."""
+def _some_of(known: Sequence[str], given: Sequence[str] | None, argument: str, noun: str) -> Sequence[str]:
+    """Names given, at least one and all of them known; None stands for all."""
+    if given is None:
+        given = known
     if isinstance(given, str):
         raise TypeError(f"`{argument}` must be a sequence of str, got str")
     if not len(given):
@@ -505,7 +513,7 @@ def torque_speed(report: DriveReport) -> Figure:
     for ax in grid[: len(report.joints)]:
         handles = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True)) | handles
     if handles:
-        figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=4, frameon=False)
+        figure.legend(list(handles.values()), list(handles), **BELOW | {"ncols": 4})
     for ax in grid[: len(report.joints)][-columns:]:
         ax.set_xlabel("speed [rad/s or m/s]")
     for ax in grid[: len(report.joints) : columns]:
@@ -514,10 +522,7 @@ def torque_speed(report: DriveReport) -> Figure:
 
 
 def small_plots(motion: Any, names: Robot | None = None) -> list[tuple[str, Callable[[], Figure]]]:
-    """Panels of a Trajectory, or of arrays (t, q, qd, qdd, tau) of a robot, as pictures for narrow pages.
-
-    Each is its label and a function that draws it.
-    """
+    """Panels of a Trajectory or arrays (t, q, ...) for narrow pages: the label of each and a function that draws it."""
     shown = motion_argument("motion", motion)
     wanted = panels_of(shown, *joint_labels(shown, names), None)
     return [(panel.label, partial(_small_plot, shown, panel)) for panel in wanted]

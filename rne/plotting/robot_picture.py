@@ -156,9 +156,14 @@ def animate(
     delay = round(100 / fps)  # [0.01 s]
     t = _frame_times(shown.t, delay, positive_number("speed", speed))
     images = _images(robot, t, robot.link_poses(shown.positions(t)))
-    images[0].save(
-        file, save_all=True, append_images=images[1:], duration=10 * delay, loop=0, disposal=1, comment=COMMENT
-    )
+    options: dict[str, Any] = {
+        "append_images": images[1:],
+        "duration": 10 * delay,
+        "loop": 0,
+        "disposal": 1,
+        "comment": COMMENT,
+    }
+    images[0].save(file, save_all=True, **options)
     return file
 
 
@@ -167,9 +172,8 @@ def _frame_times(samples: Array, delay: int, speed: float) -> Array:
     first, last = float(samples[0]), float(samples[-1])
     frames = (last - first) / speed / (delay / 100)
     if frames + 1 > MAX_FRAMES:
-        raise ValueError(
-            f"the animation would have {frames + 1:.6g} frames, at most {MAX_FRAMES}: raise `speed` or lower `fps`"
-        )
+        too_many = f"would have {frames + 1:.6g} frames, at most {MAX_FRAMES}"
+        raise ValueError(f"the animation {too_many}: raise `speed` or lower `fps`")
     return np.linspace(first, last, max(round(frames), 1) + 1 if last > first else 1)
 
 
@@ -229,10 +233,7 @@ def _put_legend_below(ax: Axes3D, title: float = 0.0) -> None:
 
 
 class Picture:
-    """Lines and surfaces of a robot on 3-D axes, whose limits hold every frame of a motion.
-
-    `poses` are those of every link in every frame, shape (frames, n_links, 4, 4) [1, m].
-    """
+    """Lines and surfaces of a robot on 3-D axes, for poses of its links, shape (frames, n_links, 4, 4) [1, m]."""
 
     def __init__(self, ax: Axes3D, model: Model, poses: Array) -> None:
         from matplotlib.colors import to_rgb

@@ -58,10 +58,7 @@ class Shape:
 
 
 class PosedRobot:
-    """Robot, its shapes, and the poses of its links, shape (frames, n_links, 4, 4) [1, m].
-
-    Without shapes, those of the model are read.
-    """
+    """Robot, its shapes, by default of its file, and the poses of its links, shape (frames, n_links, 4, 4) [1, m]."""
 
     def __init__(self, model: Model, poses: Array, shapes: Sequence[Shape] | None = None) -> None:
         T = poses.astype(np.float64)
@@ -76,11 +73,9 @@ class PosedRobot:
 
 
 def link_shapes(model: Model) -> list[Shape]:
-    """Visual shapes of a robot's links: those of its URDF or MJCF file, or those of a model without a file.
+    """Visual shapes in the links' frames: those of the URDF or MJCF file, or of a model without a file.
 
-    They are in the links' frames, so that a robot with a payload, with joints locked or mounted otherwise keeps them.
-    One UserWarning names the links whose shapes are lost and why: a mesh is not found or not readable, or yourdfpy is
-    not installed.
+    One UserWarning lists the shapes that cannot be shown, with the reasons.
     """
     shapes = [_from_model(shape) for shape in model.shapes]
     if model.source is None:
@@ -276,11 +271,7 @@ def _rgba(values: Any) -> Color:
 
 
 def surface(shapes: Sequence[Shape]) -> Array:
-    """Faces of one link's shapes, few enough for matplotlib: of its meshes those of their common convex hull.
-
-    Corners are in the link's frame, anticlockwise seen from outside, shape (faces, 4, 3); triangles have their last
-    corner twice [m].
-    """
+    """Faces of one link's shapes as by `Shape.faces`, anticlockwise seen from outside; of meshes their convex hull."""
     parts = [shape.faces() for shape in shapes if shape.kind != "mesh"]
     meshes = [shape.faces().reshape(-1, 3) for shape in shapes if shape.kind == "mesh"]
     return np.concatenate([*parts, *([_hull(np.concatenate(meshes))] if meshes else [])])

@@ -90,8 +90,7 @@ def view(
     t : array_like, shape (T,), optional
         Times of the positions, increasing [s]; between them the positions are interpolated linearly.
     other : Trajectory, array_like of shape (n,), or tuple of t and q, optional
-        A second motion or position, of the same robot or of a Trajectory's own, shown half transparent in orange: a
-        measured motion, or that of another controller.
+        A second motion or position of the same robot, or a Trajectory of another one, shown half transparent in orange.
     labels : sequence of two str
         Names of the motion and of the other one in the legend.
     speed : float
@@ -99,7 +98,7 @@ def view(
     frames, inertia : bool
         True if the links' frames, or centres of mass and solids of the bodies' inertias, are to be visible at first,
         with the links half transparent. The list of the scene's parts in the page shows and hides them in any case, and
-        a switch shows the masses in place of the links.
+        a switch shows the masses instead of the links.
     springs : sequence of Spring
         Springs between links of the robot, shown as red lines.
 
@@ -176,7 +175,7 @@ def view(
 
 
 class Page:
-    """Viewer page; in a notebook the object shows itself.
+    """Viewer page; in a notebook the object displays itself.
 
     Attributes
     ----------
@@ -271,10 +270,7 @@ def frame_times(shown: Sequence[tuple[Robot, Motion]], speed: float) -> Array:
 
 
 def placed(robot: Robot, motion: Motion, times: Array, first: PosedRobot | None = None) -> PosedRobot:
-    """Poses of the links in all frames, in a world with the z axis up; constant before and after the motion's time.
-
-    Shapes of the same file are those of the first motion: losses are reported once.
-    """
+    """Poses of the links in all frames, with the z axis up; shapes are shared with a first robot of the same file."""
     from scipy.spatial.transform import Rotation
 
     model = robot.model
@@ -309,10 +305,7 @@ def _scene_server() -> Iterator[ViserServer]:
 
 
 def aim(points: Array) -> tuple[Array, Array]:
-    """Target of a camera, and its place seen from there, to see all points from the front, right and above [m].
-
-    This holds in a window as wide as high or wider; in one of aspect ratio a < 1 it must be 1 / a times as far away.
-    """
+    """Target of a camera that sees all points, and its position relative to it, in windows not higher than wide [m]."""
     up, side = np.array([0.0, 0.0, 1.0]), np.array([0.72, -0.95, 0.55])
     axes = np.stack([np.cross(up, side), np.cross(side, np.cross(up, side)), side])
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)

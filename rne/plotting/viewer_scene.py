@@ -1,10 +1,8 @@
-"""Scene of a viewer page by viser: links with their shapes or lines, joint axes, frames and masses.
-
-Everything hangs on nodes with the poses of links, so that a frame of the recording is a list of poses.
-"""
+"""Scene of a viewer page by viser: links with their shapes or lines, joint axes, frames and masses, on link nodes."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -62,13 +60,10 @@ class SceneGroup:
 class SpringLines:
     """Springs between links as lines, whose ends move with these."""
 
-    def __init__(self, scene: SceneApi, robot: PosedRobot, springs: Springs, size: float) -> None:
-        lines = []
-        for spring in springs.each:
-            if isinstance(spring, Spring):
-                ends = [(robot.model.link_index(link), np.array(x)) for link, x in spring.ends]
-                lines.append(np.stack([rotate(robot.R[:, k], x) + robot.p[:, k] for k, x in ends], axis=1))
-        self.points = np.stack(lines, axis=1).astype(np.float32)  # (frames, springs, 2, 3)
+    def __init__(self, scene: SceneApi, robot: PosedRobot, springs: Sequence[Spring], size: float) -> None:
+        ends = [(robot.model.link_index(link), np.array(x)) for spring in springs for link, x in spring.ends]
+        points = np.stack([rotate(robot.R[:, k], x) + robot.p[:, k] for k, x in ends], axis=1)
+        self.points = points.reshape(len(points), -1, 2, 3).astype(np.float32)  # (frames, springs, 2, 3)
         self.node = scene.add_line_segments("/springs", self.points[0], SPRING, thickness=0.012 * size)
 
     def place(self, frame: int) -> None:
@@ -98,8 +93,8 @@ def build(
         scene.add_frame(groups[-1].on(k, "axes"), axes_length=0.09 * size, axes_radius=0.003 * size, origin_radius=0.0)
     groups += [SceneGroup(scene, name, robot, inertia) for name in MASSES]
     _add_masses(groups[-2], groups[-1], size)
-    has_lines = springs is not None and any(isinstance(spring, Spring) for spring in springs.each)
-    return [*groups, SpringLines(scene, robot, springs, size)] if springs is not None and has_lines else [*groups]
+    drawn = [spring for spring in springs.each if isinstance(spring, Spring)] if springs is not None else []
+    return [*groups, SpringLines(scene, robot, drawn, size)] if drawn else [*groups]
 
 
 def add_floor(scene: SceneApi, points: Array) -> float:
@@ -159,11 +154,8 @@ def _add_robot(
         k = robot.model.link_index(shape.link)
         number[k] = number.get(k, 0) + 1
         *own, solid = shape.color or (*(x / 255 for x in TONES[k % 2]), 1.0)
-        look = _at(shape.pose[:3, :3], shape.pose[:3, 3]) | {
-            "scale": scale,
-            "color": color or [round(255 * x) for x in own],
-        }
-        look["opacity"] = opacity or (solid if solid < 1 else None)
+        look = _at(shape.pose[:3, :3], shape.pose[:3, 3]) | {"scale": scale}
+        look |= {"color": color or [round(255 * x) for x in own], "opacity": opacity or (solid if solid < 1 else None)}
         name = group.on(k, f"{shape.kind} {number[k]}")
         if shape.size:
             scene.add_box(name, dimensions=np.array(shape.size), **look)
@@ -190,10 +182,7 @@ def simplified(mesh: Trimesh, keep: float) -> Trimesh:
 
 
 def link_lines(robot: PosedRobot, k: int) -> list[Array]:
-    """Lines from a link's origin to its children or, at an end, to its centre of mass, each of shape (2, 3) [m].
-
-    Lines to a sliding child go to the nearest point of its way, which is a line too.
-    """
+    """Lines (2, 3) from a link to its children, with the paths of sliding ones, or at an end to its centre of mass."""
     lines = []
     for child in [child for child, parent in enumerate(robot.model.link_parent) if parent == k]:
         way = rotate_back(robot.R[:, k], robot.p[:, child] - robot.p[:, k])
@@ -232,10 +221,9 @@ def _add_masses(centres: SceneGroup, inertias: SceneGroup, size: float) -> None:
 
 
 def ellipsoids(model: Model) -> tuple[Array, Array]:
-    """Principal axes and half axes of the solid ellipsoids of even density that have the bodies' masses and inertias.
+    """Right-handed principal axes (nb, 3, 3) and half axes (nb, 3) of homogeneous ellipsoids with the bodies' inertias.
 
-    The axes are right-handed, in columns, in the bodies' frames, shape (nb, 3, 3). The half axes, shape (nb, 3), are 0
-    where the principal moments of inertia are those of no rigid body, or there is no mass [m].
+    Half axes are 0 if the principal moments of inertia are those of no rigid body, or there is no mass.
     """
     moments, axes = np.linalg.eigh(model.inertia)
     axes[..., 0] *= np.sign(np.linalg.det(axes))[:, None]
@@ -245,10 +233,7 @@ def ellipsoids(model: Model) -> tuple[Array, Array]:
 
 
 def cylinder_of(mass: float, inertia: Array) -> tuple[Array, float, float] | None:
-    """Solid cylinder of even density with this mass and inertia: its axes, with z along it, radius and length.
-
-    None if no two principal moments are alike, or no cylinder has them [m].
-    """
+    """Homogeneous cylinder with this mass and inertia: its axes, z along it, radius, length; None if there is none."""
     moments, axes = np.linalg.eigh(inertia)
     alike = np.diff(moments) <= ALIKE * moments[2]
     if not alike.any() or not moments[0] > 0:
