@@ -22,9 +22,9 @@ class Check(InNotebooks):
     Attributes
     ----------
     name : str
-        What the motion is called.
+        Name of the motion.
     joint_names, units : tuple of str
-        Of the joints; "N m" or "N".
+        Names of the joints, and the units of their torques, "N m" or "N".
     t : ndarray, shape (R,)
         Times [s].
     qd : ndarray, shape (R, n)
@@ -34,7 +34,7 @@ class Check(InNotebooks):
     valid : ndarray of bool, shape (R, n)
         False where a torque was not measured properly.
     std : ndarray, shape (R, n)
-        Standard deviations of measured torques about the predicted ones, as of `predict` [N m or N].
+        Standard deviations of measured torques about the predicted ones, as by `predict` [N m or N].
     """
 
     name: str

@@ -60,14 +60,12 @@ class DriveGains(SetsResult):
     joint_names : tuple of str
         The joints of the gains, in the robot's order.
     gains : ndarray, shape (n,)
-        Joint torque per unit of what was measured; NaN where it cannot be identified, as `notes` and the report
-        say [N m/A or N/A for currents].
+        Joint torque per measured unit; NaN where it cannot be identified, with a reason in `notes` and the report
+        [N m/A or N/A for currents].
     errors : ndarray, shape (n,)
-        Standard errors of the gains; NaN likewise.
+        Standard errors of the gains; NaN for the same joints.
     held_out_rms : ndarray, shape (2, 2, n)
-        Root mean squares of errors and of torques in motion, without the load and with it, on blocks of time of which
-        each was predicted by a fit to the others without terms for errors of the drives, as by `rne.identify`; with the
-        load they contain what changed between the records; NaN for joints without a gain [N m or N].
+        Root mean squares of validation errors and torques, as of `PayloadEstimate`; NaN for joints without a gain.
     estimate : LeastSquares
         The base parameters, in N m, with the gains found; then, of a load of which only the mass is known, m cx, m cy,
         m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link's origin; last, the relative changes of the gains.
@@ -78,7 +76,7 @@ class DriveGains(SetsResult):
     sets : RecordSets
         The equations, with torques by these gains.
     currents : RecordSets
-        The equations as measured, of which `rne.identify_payload` finds another load and the gains together.
+        The equations as measured, from which `rne.identify_payload` finds another load and the gains together.
     """
 
     joint_names: tuple[str, ...]
@@ -148,11 +146,11 @@ def identify_drive_gains(
     Parameters
     ----------
     robot : Robot or Identification
-        The robot without the load, of which only joints and their places need be right; or what `rne.identify` made of
-        the currents without the load.
+        The robot without the load, of which only joints and their places need be right; or the result of `rne.identify`
+        from the currents without the load.
     without : Record or sequence of Record, or None
-        Measured motions without the load, with currents, or what else is proportional to torques, instead of torques;
-        None with an Identification.
+        Measured motions without the load, with currents, or other quantities proportional to torques, instead of
+        torques; None with an Identification.
     with_load : Record or sequence of Record
         Measured motions with the load; they may differ from those without.
     payload : Payload, PayloadEstimate or float
@@ -164,7 +162,7 @@ def identify_drive_gains(
     cutoff : float, optional
         Cut-off of the low-pass filter, by default chosen from the measurements [Hz].
     delay : float or array_like, shape (n,), optional
-        By which currents of these records were measured later than positions, by default estimated for each record, and
+        Delay of the measured currents of these records after the positions, by default estimated for each record, and
         for a joint where it differs; records of an Identification keep theirs [s].
 
     Returns

@@ -1,4 +1,4 @@
-"""Assumptions of a fit beside the robot, and the steps that find them: cut-offs, delays, Stribeck effects, rotors.
+"""Assumptions of a fit about drives and measurements, and the steps that find them from the residuals.
 
 A fit assumes drives, delays of the torques, and cut-offs of the filter: its `FitModel`. The residuals show which of
 these are wrong. Each of `STEPS` looks at a fit for one kind of error, and returns the model without it, or None;
@@ -24,14 +24,7 @@ from .diagnosis import hypotheses
 from .diagnosis.hypotheses import GEARS, STRIBECK, Cause, Hypothesis, LinearCauses
 from .diagnosis.residuals import FitResiduals
 from .fit.equations import Motion, RegressionData, along, build_regression
-from .fit.least_squares import (
-    Estimator,
-    LeastSquares,
-    fit_base_parameters,
-    fits_without_block,
-    least_squares,
-    unexplained,
-)
+from .fit.least_squares import LeastSquares, blocks_left_out, fit_base_parameters, least_squares, unexplained
 from .log.record import Record
 
 if TYPE_CHECKING:
@@ -102,7 +95,7 @@ class Fit:
 
 
 def settled(model: FitModel) -> Fit:
-    """Fit under a model in which no step finds an error, or that of the last round."""
+    """Fit under a model in which no step finds an error, or the one of the last iteration."""
     fit = with_chosen_cutoffs(fitted(model))
     for _ in range(thresholds.DELAY_ROUNDS):
         changed = next((found for step in STEPS if (found := step(fit)) is not None), None)
@@ -133,7 +126,7 @@ def fitted(model: FitModel) -> Fit:
 
 
 def with_springs(base: BaseParameters, springs: Any) -> BaseParameters:
-    """Base parameters and those of springs, each its own base parameter."""
+    """Base parameters, and the parameters of springs, each of which is a base parameter."""
     standard = replace(base.standard, springs=springs)
     places = range(base.standard.count, standard.count)
     matrix = np.pad(base.matrix, (0, len(places)))
@@ -145,7 +138,7 @@ def with_springs(base: BaseParameters, springs: Any) -> BaseParameters:
 
 
 def with_chosen_cutoffs(fit: Fit) -> Fit:
-    """Fit with the given cut-offs, or with those of `lower_cutoffs`, which later rounds keep."""
+    """Fit with the given cut-offs, or with those of `lower_cutoffs`, which later iterations keep."""
     data = fit.data if fit.model.cutoffs else lower_cutoffs(fit)
     cutoffs, notes = tuple(r.cutoff for r in data.prepared), tuple(r.notes for r in data.prepared)
     model = replace(fit.model, cutoffs=cutoffs, filtered=notes)
@@ -186,12 +179,6 @@ def lower_cutoffs(fit: Fit) -> RegressionData:
         else:
             break
     return data if data is first else with_reasons(first, data, errors[0], errors[-1])
-
-
-def blocks_left_out(base: BaseParameters, data: RegressionData) -> list[Array]:
-    """Standard parameters fitted to all blocks but one, for each, with common weights, in a tenth of the time."""
-    noise = least_squares(data.fitted.mapped(base.back)).sigma
-    return fits_without_block(Estimator(base, None, 1.0, noise=noise), data.fitted)
 
 
 def shares_held_out(estimates: Sequence[Array], others: RegressionData) -> Array:

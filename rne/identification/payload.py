@@ -65,8 +65,8 @@ class PayloadEstimate(SetsResult):
         Numbers that the motions do not determine, such as "its centre along (0.00, 0.00, 1.00)" or "Ixx", in the
         link's axes; there the load is like a ball of 3000 kg/m^3.
     gains, gain_errors : ndarray, shape (n,), or None
-        Gains of the drives, found together with the load from what `rne.identify_drive_gains` found, with standard
-        errors; NaN for joints without an identifiable gain.
+        Gains of the drives, if they were found together with the load, with standard errors; NaN for joints without an
+        identifiable gain.
     held_out_rms : ndarray, shape (sets, 2, n)
         Root mean squares of errors and of torques in motion, of the records without the load first and those with it
         last, on blocks of time of which each was predicted by a fit to the others without terms for errors of the
@@ -74,7 +74,7 @@ class PayloadEstimate(SetsResult):
     notes : tuple of str
         Assumptions, errors of the drives that the standard errors contain, and signs of mistakes.
     sets : RecordSets
-        The equations of both sets of records.
+        The equations of all sets of records.
     """
 
     payload: Payload
@@ -176,9 +176,9 @@ def identify_payload(
     Parameters
     ----------
     robot : Robot, Identification or DriveGains
-        The robot without the load, of which only joints and their places need be right; what `rne.identify` found from
-        motions without the load, whose equations are then used; or what `rne.identify_drive_gains` found from currents
-        without and with a load that was weighed: gains and the load are then found together from all three.
+        The robot without the load, of which only joints and their places need be right; the result of `rne.identify`
+        from motions without the load, whose equations are then used; or the result of `rne.identify_drive_gains` from
+        currents without and with a load that was weighed: gains and the load are then found together from all three.
     without, with_load : Record or sequence of Record
         Measured motions without the load, None with an Identification or DriveGains; and motions with it, which may be
         others.
@@ -215,9 +215,9 @@ def identify_payload(
 
     Notes
     -----
-    Standard errors contain noise and what errors of the drives make of the load: torque factors that differ between
-    joints or change between the records, friction that rises with the load, saturates, differs between the directions
-    or changes, offsets that change or drift. Each is a random coefficient of each joint, whose variance is estimated;
+    Standard errors contain noise and the effect of errors of the drives: torque factors that differ between joints or
+    change between the records, friction that rises with the load, saturates, differs between the directions or
+    changes, offsets that change or drift. Each is a random coefficient of each joint, whose variance is estimated;
     where fits without one of the blocks of time scatter more, their scatter is the error. A factor common to all
     torques makes the mass as wrong as it is; it is only visible relative to the masses of the robot given, and a note
     reports it. A load that is impossible by least squares, or not determined completely, is replaced by the physically

@@ -92,7 +92,7 @@ def regression(
     base : BaseParameters
         Of `robot.base_parameters(drives=...)`: the columns of Y are those of its standard parameters.
     minimum_velocity, cutoff, delay : optional
-        As of `rne.identify`; the delay is that given, or zero.
+        As of `rne.identify`; the delay is zero by default.
     folds : int
         Blocks of time, as of `rne.identify`.
 
@@ -255,7 +255,7 @@ def identify(
         2 % of the joint's largest velocity, and what one step of its encoder makes, with Coulomb friction that is not
         smoothed, otherwise 0 [rad/s or m/s].
     delay : float or array_like, shape (n,), optional
-        By which torques were measured later than positions, by default estimated for each record, and for a joint where
+        Delay of the measured torques after the positions, by default estimated for each record, and for a joint where
         it differs [s].
     cutoff : float, optional
         Cut-off of the low-pass filter [Hz]. By default that of the spectrum, as `Record.prepare` chooses it; where more
@@ -290,7 +290,7 @@ def identify(
         If `robot`, `records`, `drives`, `prior`, `hypotheses` or `instruments` are of another type.
     ValueError
         If an argument has a wrong value or shape, or excludes another; records lack joints and have others that the
-        robot does not know, or have errors among their findings; no joint moves; there are fewer equations than
+        robot does not have, or have errors among their findings; no joint moves; there are fewer equations than
         parameters; `instruments` do not resemble the measured motion; a joint that follows others has no position at
         those measured, or numbers are so large that the equations overflow (NotFiniteError).
     IdentificationError

@@ -85,11 +85,7 @@ class Bands(ReadOnlyArrays):
 
 
 def bands_of(
-    base: BaseParameters,
-    data: RegressionData,
-    estimate: LeastSquares,
-    correlation_time: Array,
-    friction: ArrayLike,
+    base: BaseParameters, data: RegressionData, estimate: LeastSquares, correlation_time: Array, friction: ArrayLike
 ) -> Bands:
     """Bands of a fit to these equations, with the largest friction of a joint at rest, and more per load, (2, n).
 

@@ -77,11 +77,11 @@ CONTAINED = (
 
 
 class SetsFit(NamedTuple):
-    """Fit with random errors of the drives; unknowns are base parameters, those of the load, changes of gains."""
+    """Fit with random errors of the drives; unknowns are base and load parameters, and changes of gains."""
 
     estimate: LeastSquares
     held_out: Array  # rms validation errors in motion, and rms torques, shape (sets, 2, n)
-    load: Array  # triangular equations of the loads' parameters alone
+    load: Array  # triangular equations of only the loads' parameters
     notes: tuple[str, ...]  # on the records, and on what the errors contain
 
 
@@ -102,7 +102,7 @@ class RecordSets:
     def with_records(
         self, records: Record | Sequence[Record], cutoff: float | None, delay: ArrayLike | None = None
     ) -> RecordSets:
-        """Equations with another set of records; its torques' delays are those of the last one unless given."""
+        """Equations with another set of records, by default with the mean delays of the last set."""
         robot, given, notes = of_named_joints(self.robot, records)
         if robot is not self.robot:
             lacking = [name for name in self.robot.joint_names if name not in robot.joint_names]
@@ -374,7 +374,7 @@ def in_blocks(data: RegressionData, X: Array, sets: int) -> Equations:
 
 
 def eliminated(factor: Array, kept: slice) -> Array:
-    """Triangular equations of the unknowns kept, from those of all."""
+    """Triangular equations of the unknowns kept, from equations of all."""
     others = np.delete(factor[:, :-1], kept, axis=1)
     lengths = np.linalg.norm(others, axis=0)
     U, S, _ = np.linalg.svd(others / np.where(lengths == 0, 1, lengths))

@@ -125,7 +125,7 @@ class Identification(Archived, InNotebooks):
         the others: `everywhere`, `in_motion`, where equations are fitted, and `at_rest`; NaN without any torque there.
     correlation_time : ndarray, shape (n,)
         Integrated autocorrelation time of the residuals, in rows; the number of rows over it is the effective sample
-        size, by which standard errors are taken.
+        size, with which standard errors are computed.
     drift, drift_error : ndarray, shape (base.count,)
         Change of the base parameters when everything is filtered again with half the cut-off, and standard errors of
         the parameters with half the cut-off. Where the change exceeds a few of these, one of the two cut-offs biases
@@ -175,7 +175,7 @@ class Identification(Archived, InNotebooks):
 
     @property
     def delay(self) -> Array:
-        """Delay of the torques of each record behind the positions, shape (records, n) [s]."""
+        """Delay of the torques of each record after the positions, shape (records, n) [s]."""
         return self.data.delays
 
     @cached_property
@@ -240,8 +240,8 @@ class Identification(Archived, InNotebooks):
     def excited(self) -> Array:
         """True for base parameters determined better than their expected size, (base.count,).
 
-        The expected size is that of the bodies found, if they are consistent, otherwise of the given robot's. A rotor
-        or friction is expected to take a tenth of the torque. Bodies without any mass are of unknown size.
+        Expected sizes are those of the bodies found, if they are consistent, otherwise of the given robot's; of rotors
+        and friction such that they take a tenth of the torque. Bodies without any mass are of unknown size.
         """
         model = self.initial.model
         if self.consistent:
@@ -491,7 +491,7 @@ class Identification(Archived, InNotebooks):
         Notes
         -----
         The variance is y C y^T + s^2: of the parameters, with the torque's row y of the regressor of the base
-        parameters and C = `estimate.covariance`, and of what they do not explain. C is that of least squares, for a
+        parameters and C = `estimate.covariance`, and of the residuals. C is that of least squares, for a
         physically consistent fit too, so that no band is narrow because of the prior; it contains the correlation of
         the residuals, and errors of delays and Stribeck velocities that were estimated, not of the smoothing, and of
         friction under load only that of its coefficient. s is of residuals of validation blocks, with other
@@ -561,10 +561,8 @@ class Identification(Archived, InNotebooks):
 
         Parameters
         ----------
-        count : int
-            Number N of draws.
-        seed : int
-            Of the random numbers.
+        count, seed : int
+            Number N of draws, and the seed of their random numbers.
 
         Returns
         -------
@@ -591,7 +589,7 @@ class Identification(Archived, InNotebooks):
         what the log does not determine by the prior, `prior_std` relative to the bodies found (Laplace's approximation
         with the second derivatives of the divergence). Where bodies would not be possible, the part that torques do not
         depend on is shortened; trials that then are none are left out. Negative inertias of rotors and friction are set
-        to zero. Residuals, as of friction beyond the model, are not in it: `predict` has them.
+        to zero. Residuals, such as by friction beyond the model, are not contained: they are in those of `predict`.
         """
         scene, x, base, std = self.scene(), self.parameters, self.base, self.prior_std
         if std is None:

@@ -113,7 +113,7 @@ LEAST_NAMED = 0.2  # smallest share of the robot's joints in a log: one arm of a
 # Fit: least squares ------------------------------------------------------------------------------------------------
 WEIGHTINGS, NOISE_SETTLED = 30, 1e-6  # most iterations of the weights; change of the noise at their end
 FEWEST_FREE = 5  # fewest degrees of freedom for a noise estimate of a joint; statistics
-TINY = float(np.finfo(np.float64).tiny)  # divisor in place of zero; numerics
+TINY = float(np.finfo(np.float64).tiny)  # divisor instead of zero; numerics
 LARGEST = 1e150  # largest number with a finite square; numerics
 EXACT = 1e-13  # smallest noise relative to the torques: rounding of exact measurements
 SILENT = 1e-100  # noise of torques that are all zero: its inverse square is finite; numerics
@@ -213,7 +213,7 @@ WORSE = 0.2  # largest loss of one joint relative to the total gain of validated
 SHORT_BLOCK = 1.0  # length of short validation blocks, for single events [correlation times]; statistics
 EFFECTS = 3  # most joints named with a cause's effect
 COARSE = 20  # equations per unknown in trials of changes of all columns; FAULTS
-THINNED = 30.0  # samples per period of the cut-off in these trials: steps are off by 1 %
+THINNED = 30.0  # samples per period of the cut-off in these trials: steps are wrong by 1 %
 REWEIGHTINGS = 3  # fits with updated weights in these trials
 PLACES = 20  # candidate times of a change: a second apart in 20 s, as long as the shortest contact of FAULTS
 WIDTHS = (1, 2, 4, 6)  # durations of a contact in half distances of PLACES: 0.5 to 3 s of 20 s; FAULTS: 1 to 3 s
@@ -240,7 +240,7 @@ FEWEST_ROWS = 3  # equations per unknown below which equations near a rest are u
 
 # Diagnosis: one rigid-body model or none ---------------------------------------------------------------------------
 CHANCE = 1e-3  # significance level of F in any joint; statistics
-CONFLICT = 2.0  # ratio of residuals, all joints over the joint alone, of a conflict that matters
+CONFLICT = 2.0  # ratio of residuals, all joints together over the single joint, of a conflict that matters
 EXPLAINED = 0.15  # largest validation error of an explained torque; 13 of 18 joints of public_logs are below
 ABOVE_NOISE = 3.0  # ratio of residual to noise if significant; statistics
 PRECISION = 1e-6  # smallest residual relative to the torques; above the rounding of float32

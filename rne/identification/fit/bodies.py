@@ -36,7 +36,7 @@ class BodiesFit(NamedTuple):
     parameters : ndarray, shape (P,)
         Standard parameters, in the order of `base.standard.names`.
     estimator : Estimator
-        What estimates them from equations, with the prior and its weight.
+        Estimator of these parameters from equations, with the prior and its weight.
     consistent : bool
         True for bodies that some distribution of mass has.
     notes : tuple of str

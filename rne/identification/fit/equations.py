@@ -626,9 +626,8 @@ def minimum_velocities(
     step = np.max([record.encoder_step for record in records], axis=0)
     middle = np.mean([p.q.mean(0) for p in prepared], axis=0)
     reach = np.max([np.abs(p.q - middle).max(0) for p in prepared], axis=0)
-    still = reach <= np.maximum(
-        thresholds.STEPS_AT_REST * step, thresholds.ROUNDINGS * np.finfo(float).eps * np.abs(middle)
-    )
+    rounding = thresholds.ROUNDINGS * np.finfo(float).eps * np.abs(middle)
+    still = reach <= np.maximum(thresholds.STEPS_AT_REST * step, rounding)
     largest = np.max([np.abs(p.qd).max(0) for p in prepared], axis=0)
     floor = 2 * np.pi * max(p.cutoff for p in prepared) * step  # velocity that one step makes at the cut-off
     if given is not None:

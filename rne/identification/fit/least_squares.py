@@ -28,8 +28,8 @@ class LeastSquares(ReadOnlyArrays):
     Attributes
     ----------
     values, errors : ndarray, shape (P,)
-        Estimates and their standard errors; an error is infinite where the motion says nothing of an unknown, and the
-        estimate is then that of the smallest norm.
+        Estimates and their standard errors; an error is infinite where the motion does not determine an unknown, and
+        the estimate is then the one of smallest norm.
     covariance : ndarray, shape (P, P)
         Covariance of the estimates, of the part that the motion determines.
     sigma : ndarray, shape (n,)
@@ -110,8 +110,8 @@ def fit_base_parameters(base: BaseParameters, data: RegressionData) -> LeastSqua
     Returns
     -------
     LeastSquares
-        Values in the order of `base.names`, with standard errors that take residuals for as independent as they are,
-        and the noise of each joint.
+        Values in the order of `base.names`, with standard errors that contain the correlation of the residuals, and the
+        noise of each joint.
 
     Notes
     -----
@@ -134,9 +134,9 @@ class Bias(NamedTuple):
     shift : ndarray, shape (P,)
         Base parameters by least squares less those by instrumental variables, in their units.
     errors : ndarray, shape (P,)
-        Standard errors of least squares, which do not contain the bias, likewise.
+        Standard errors of least squares, which do not contain the bias, in the same units.
     probability : float
-        That chance makes the estimates differ by so much, where neither is biased.
+        Probability that unbiased estimates differ by so much.
     """
 
     shift: Array
@@ -175,14 +175,11 @@ class Estimator(NamedTuple):
     base: BaseParameters
     prior: Array | None  # pseudo-inertias, shape (nb, 4, 4); None for least squares alone
     weight: float  # of the divergence from the prior
-    others: Array | None = None  # standard parameters beside E beta, by default those of the model
+    others: Array | None = None  # standard parameters in addition to E beta, by default those of the model
     noise: Array | None = None  # of each joint, by default from its residual
 
     def fit(self, equations: Equations, of_base: Equations | None = None) -> tuple[LeastSquares, Array]:
-        """Base parameters, and standard parameters: consistent ones, or the nearest to the model's.
-
-        The equations `of_base` parameters may be known.
-        """
+        """Base parameters, and standard parameters: consistent ones, or the nearest to the model's."""
         estimate = least_squares(equations.mapped(self.base.back) if of_base is None else of_base, self.noise)
         if self.prior is not None:
             return estimate, self._consistent(equations, estimate.sigma, self.prior)
@@ -233,6 +230,12 @@ def fits_without_block(estimator: Estimator, fitted: Equations) -> list[Array]:
     of_base, blocks = fitted.mapped(estimator.base.back), np.arange(len(fitted.factors))
     others = [blocks != k for k in blocks]
     return [estimator.fit(fitted.of_blocks(x), of_base.of_blocks(x))[1] for x in others]
+
+
+def blocks_left_out(base: BaseParameters, data: RegressionData) -> list[Array]:
+    """Standard parameters fitted to all blocks but one, for each, with common weights, in a tenth of the time."""
+    noise = least_squares(data.fitted.mapped(base.back)).sigma
+    return fits_without_block(Estimator(base, None, 1.0, noise=noise), data.fitted)
 
 
 def unexplained(estimates: Sequence[Array], fitted: Equations, measured: Equations) -> Unexplained:

@@ -19,27 +19,13 @@ TORQUE_LIKE = *DRIVE, *FRICTION, "armature", "parameters", "stiffness", "damping
 
 @dataclass(frozen=True, eq=False)
 class Certainty(ReadOnlyArrays):
-    """Information of the derivatives of residuals on x, with starts of shots as further unknowns.
+    """Information on Z unknowns from residuals r and their derivatives J: P entries of x, then starts of shots."""
 
-    Attributes
-    ----------
-    information : ndarray, shape (Z, Z)
-        J^T J of weighted residuals.
-    score : ndarray, shape (Z, Z)
-        Covariance of J^T r, residuals being correlated in time.
-    spread : ndarray, shape (Z,)
-        Standard deviations that the fit allows for.
-    count : int
-        P, of the Z unknowns those of x, which come first.
-    given : ndarray of bool, shape (Z,)
-        True where the spread is known beforehand.
-    """
-
-    information: Array
-    score: Array
-    spread: Array
-    count: int
-    given: Array
+    information: Array  # J^T J of weighted residuals, (Z, Z)
+    score: Array  # covariance of J^T r, residuals being correlated in time, (Z, Z)
+    spread: Array  # standard deviations that the fit allows for, (Z,)
+    count: int  # P
+    given: Array  # True where the spread is known beforehand, (Z,)
 
     @cached_property
     def covariance(self) -> Array:

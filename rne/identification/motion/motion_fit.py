@@ -219,14 +219,11 @@ class MotionFit(Archived, InNotebooks):
         C = self.certainty.covariance[place, place]
         w, V = np.linalg.eigh(C)
         half = (V / np.sqrt(np.maximum(w, 1e-12 * w.max()))).T
-        nb = PARAMETERS * robot.model.nb
-        held = matrix[:, nb:] @ rotors(robot)
-        factor = np.column_stack([half @ matrix[:, :nb], half @ (self._x[place] - held)])
-        prior, _ = model_prior(robot)
-        none = np.zeros(0)
-        return consistent_fit(
-            np.vstack([factor, 0 * factor[:1]]), prior, thresholds.PRIOR_STD**-2, none.astype(bool), none
-        )
+        bodies = PARAMETERS * robot.model.nb
+        held = matrix[:, bodies:] @ rotors(robot)
+        factor = np.column_stack([half @ matrix[:, :bodies], half @ (self._x[place] - held)])
+        prior, no_drives = model_prior(robot)[0], (np.zeros(0, bool), np.zeros(0))
+        return consistent_fit(np.vstack([factor, 0 * factor[:1]]), prior, thresholds.PRIOR_STD**-2, *no_drives)
 
     def to_urdf(self) -> str:
         """URDF of the robot: bodies, and viscous and Coulomb friction as its joints' damping and friction.
@@ -319,10 +316,8 @@ class MotionFit(Archived, InNotebooks):
 
         Parameters
         ----------
-        count : int
-            Number N of draws.
-        seed : int
-            Seed of the random numbers.
+        count, seed : int
+            Number N of draws, and the seed of their random numbers.
 
         Returns
         -------
@@ -479,9 +474,9 @@ def at_times(values: Sequence[Array], grid: Array, t: Array) -> Array:
     """Values of a grid at other times; interpolated only where samples were left out or resampled."""
     from scipy.interpolate import CubicSpline
 
-    return np.array(
-        [x if np.array_equal(t, grid) else CubicSpline(grid, x)(np.clip(t, *grid[[0, -1]])) for x in values]
-    )
+    if np.array_equal(t, grid):
+        return np.array(values)
+    return np.array([CubicSpline(grid, x)(np.clip(t, *grid[[0, -1]])) for x in values])
 
 
 def how_sure(problem: OutputError, z: Array) -> Certainty:

@@ -56,7 +56,7 @@ class Unknown:
     start: Array  # (k,)
     spread: Array  # (k,), standard deviations of x that are allowed for
     is_log: Array  # (k,)
-    is_given: bool = False  # True if the spread is what is known
+    is_given: bool = False  # True if the spread is known beforehand
 
     def value(self, x: Array) -> Array:
         """Quantity at x, (k,)."""
