@@ -24,7 +24,6 @@ from rne.identification.diagnosis.hypotheses import (
     stribeck_columns,
 )
 from rne.identification.diagnosis.residuals import FitResiduals
-from rne.identification.fit_model import with_springs
 
 from . import faulty_logs as faults
 from .conftest import TREES
@@ -390,9 +389,10 @@ def test_friction_under_load_has_the_load_of_the_law_of_the_drives():
     """That of bodies, rotors and springs: the cause has the column that a fit has for Fl."""
     c = case("gantry", 3)
     data, robot = faults.clean(c), c.arm.robot
-    springs = rne.Scene(robot, springs=[rne.Spring.at_joint("y", 1.0, 0.1)]).resolved.springs
-    base = with_springs(robot.base_parameters(drives=rne.DriveModel(rotor=True, friction="coulomb")), springs)
-    rows = regression(robot, Record(data.t, data.q, data.tau), base, cutoff=5.0, folds=2)
+    springs, drives = [rne.Spring.at_joint("y", 1.0, 0.1)], rne.DriveModel(rotor=True, friction="coulomb")
+    options = {"cutoff": 5.0, "folds": 2, "consistent": False, "causes": False, "delay": 0.0}
+    found = rne.identify(robot, Record(data.t, data.q, data.tau), drives=drives, springs=springs, **options)
+    base, rows = found.base, found.data
     rest = FitResiduals(robot, base, rows, np.arange(1.0, base.count + 1), np.ones(4), np.ones(4))
     groups, x = base.standard.groups, rest.x
     under_load = dataclasses.replace(base.standard, drives=rne.DriveModel(rotor=True, friction="load"))

@@ -1,4 +1,4 @@
-"""Identification stage by stage: what `identify` composes may be called by itself, and each step finds its own error."""
+"""Identification stage by stage: what `identify` composes may be called by itself, and its steps find their errors."""
 
 import sys
 from collections import Counter
@@ -9,14 +9,6 @@ import pytest
 
 import rne
 from rne import identification
-from rne.identification.fit_model import (
-    FitModel,
-    fitted,
-    settled,
-    with_delays,
-    with_stribeck,
-    without_rotors,
-)
 
 from .helpers import first_joints
 from .measurements import truth
@@ -46,10 +38,6 @@ def scene():
 @pytest.fixture(scope="module")
 def record(scene):
     return log_of(scene)
-
-
-def model(scene, record, **options):
-    return FitModel(scene.robot, (record,), USUAL, np.zeros((1, scene.n)), 5.0, folds=2, **options)
 
 
 def test_stages_by_hand_give_what_identify_gives(scene, record):
@@ -85,35 +73,34 @@ def test_a_clean_record_lies_on_a_grid_without_the_samples_that_are_wrong(record
     assert [finding.kind for finding in clean.findings] == ["missing samples", "position spike"]
 
 
-def test_the_step_of_delays_finds_how_late_torques_are(scene):
-    fit = fitted(model(scene, log_of(scene, late=LATE)))
-    np.testing.assert_allclose(with_delays(fit).delays, LATE, atol=3e-4)  # standard errors are 0.05 ms
-    again = fitted(replace(fit.model, delays=with_delays(fit).delays))
-    assert with_delays(again) is None
-    assert with_delays(fitted(replace(fit.model, finds_delays=False))) is None
+def identified(scene, record, **options):
+    return rne.identify(scene.robot, record, consistent=False, cutoff=5.0, folds=2, **options)
 
 
-def test_the_step_of_stribeck_effects_finds_the_velocity(scene):
+def test_delays_are_found_once_and_rotors_dropped_where_none_is_felt(scene):
+    """Steps are taken until none finds an error: the last delay is the sum of those found."""
+    late = log_of(scene, late=LATE)
+    found = identified(scene, late)
+    np.testing.assert_allclose(found.delay, LATE, atol=3e-4)  # standard errors are 0.05 ms
+    assert sum(note.startswith("delay of ") for note in found.notes) == 1
+    assert "Ia" not in found.standard.terms
+    given = identified(scene, late, delay=found.delay[0], drives=USUAL)
+    assert not any(note.startswith("delay of ") for note in given.notes)
+    assert "Ia" in given.standard.terms
+
+
+def test_stribeck_effects_are_found_with_their_velocity(scene):
     friction = replace(scene.friction, stribeck=[STRIBECK, 0.0, 0.0], stribeck_rise=[20.0, 0.0, 0.0])
-    fit = fitted(model(scene, log_of(replace(scene, friction=friction))))
-    found = with_stribeck(fit).drives.stribeck
-    assert found[0] == pytest.approx(STRIBECK, rel=0.2)  # three times its scatter over six seeds, 6 %
-    assert not found[1:].any()
-    assert with_stribeck(fitted(replace(fit.model, drives=replace(USUAL, stribeck=found)))) is None
+    found = identified(scene, log_of(replace(scene, friction=friction)))
+    velocity = found.standard.drives.stribeck
+    assert velocity[0] == pytest.approx(STRIBECK, rel=0.2)  # three times its scatter over six seeds, 6 %
+    assert not velocity[1:].any()
+    assert not any(cause.kind == "Stribeck friction" for cause in found.causes)
 
 
-def test_the_step_of_rotors_drops_them_where_none_is_felt(scene, record):
-    fit = fitted(model(scene, record))
-    assert not without_rotors(fit).drives.rotor
+def test_large_rotors_are_kept(scene):
     with_armature = rne.Scene(scene.robot.with_armature([20.0, 20.0, 10.0]), friction=scene.friction)
-    assert without_rotors(fitted(model(scene, log_of(with_armature)))) is None
-
-
-def test_steps_are_taken_until_none_asks_for_another(scene):
-    fit = settled(model(scene, log_of(scene, late=LATE)))
-    assert not fit.model.drives.rotor
-    np.testing.assert_allclose(fit.model.delays, LATE, atol=3e-4)
-    assert [cause.kind for cause in fit.modelled] == ["delay"]
+    assert "Ia" in identified(scene, log_of(with_armature)).standard.terms
 
 
 def test_identify_makes_objects_of_few_classes(scene, record):
