@@ -3,6 +3,7 @@
 import re
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,10 +13,10 @@ from scipy.signal import lfilter
 import rne
 from rne.basics.filters import low_pass
 from rne.basics.inertia import dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
-from rne.identification import Record, regression
+from rne.identification import Record, fit_bodies, regression
 from rne.identification.fit.consistent import consistent_fit, expected_sizes, geometric_prior, model_prior
 from rne.identification.fit.equations import correlation_time_of_residuals, equations, solve
-from rne.identification.fit.least_squares import Estimator, least_squares, with_correlation
+from rne.identification.fit.least_squares import least_squares, with_correlation
 
 from .helpers import first_joints, loaded
 
@@ -345,7 +346,7 @@ def test_what_is_not_fitted_is_exactly_as_given(monkeypatch):
     Y = np.concatenate([robot.regressor(q, qd, qdd), base.standard.drive_columns(qd, qdd)], axis=-1)
     x = base.standard.values + np.isin(base.standard.names, ["Fv_2", "Fc_2", "Fs_2"])
     tau = Y @ x + 0.01 * rng.normal(size=qd.shape)
-    found = Estimator(base, model_prior(robot)[0], 10.0).fit(compressed(Y, tau))[1]
+    found = fit_bodies(base, SimpleNamespace(fitted=compressed(Y, tau)), prior=robot, prior_std=10**-0.5).parameters
     of = dict(zip(base.standard.names, found, strict=True))
     assert (of["Ia_1"], of["Fv_1"], of["Fc_1"], of["Fs_1"]) == (0.3, 0, 0, 0)
     np.testing.assert_allclose([of["Fv_2"], of["Fc_2"], of["Fs_2"]], 1, atol=0.05)  # noise of 80 samples

@@ -12,7 +12,7 @@ import rne
 from rne.identification import Record, thresholds
 from rne.identification.fit.least_squares import least_squares
 from rne.identification.payload import doubts, possible_load, unknown_parts
-from rne.identification.record_sets import RecordSets, eliminated, record_sets, spreads
+from rne.identification.record_sets import spreads
 from rne.model.standard_parameters import StandardParameters
 
 from .faulty_logs import SCARA
@@ -119,7 +119,7 @@ def found(robot, measured):
 @pytest.fixture
 def no_causes(monkeypatch):
     """Reports without a search for causes, which takes longer than a fit."""
-    monkeypatch.setattr(RecordSets, "causes", ())
+    monkeypatch.setattr("rne.identification.record_sets.RecordSets.causes", ())
 
 
 def test_without_noise_the_load_is_found(arm):
@@ -212,7 +212,7 @@ FAR = """<robot name="far"><link name="base"/><link name="hook"/><link name="arm
 
 
 @pytest.mark.parametrize("name", ["panda", "far"])
-def test_parameters_of_a_load_are_those_that_a_payload_adds(name, tmp_path):
+def test_parameters_of_a_load_are_those_that_a_payload_adds(name, load_of_three, tmp_path):
     """On every link that moves; the second robot's joint is moved along its axis when it is loaded."""
     (tmp_path / "far.urdf").write_text(FAR)
     arm = rne.load(tmp_path / "far.urdf") if name == "far" else loaded("panda_description/panda")
@@ -222,7 +222,8 @@ def test_parameters_of_a_load_are_those_that_a_payload_adds(name, tmp_path):
     phi = np.array([LOAD.mass, *LOAD.mass * com, *about_origin[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
     standard = StandardParameters(arm.model)
     shape, base = (1, standard.count), SimpleNamespace(standard=standard)
-    sets = RecordSets(arm, base, (), np.zeros((*shape, 0)), np.zeros(shape), ((),))
+    empty = {"data": (), "S": np.zeros((*shape, 0)), "known": np.zeros(shape)}
+    sets = dataclasses.replace(load_of_three.sets, robot=arm, base=base, **empty)
     for link in np.array(arm.link_names)[np.array(arm.model.link_body) >= 0].tolist():
         added = arm.with_payload(*LOAD._replace(link=link)).parameters - arm.parameters
         size = 1 + np.abs(added).max()
@@ -253,8 +254,8 @@ def test_a_load_differs_from_the_ball_by_three_times_its_size(monkeypatch):
 def test_standard_errors_count_the_correlation_time_of_filtered_noise(robot, monkeypatch):
     """Variances are at least those of independent residuals, times the number of equations that count as one."""
     measured = logs(robot, LOAD, rate=250.0)
-    found, sets = rne.identify_payload(robot, *measured), record_sets(robot, *measured, None, None)
-    sets = sets.with_load("tool0")
+    found = rne.identify_payload(robot, *measured)
+    sets = found.sets
     alone = least_squares(sets.assembled(sets.plain))
     x = sets.states(alone.values)
     none = [np.zeros((len(data.tau), 6, 1)) for data in sets.data]
@@ -271,25 +272,20 @@ def test_standard_errors_count_the_correlation_time_of_filtered_noise(robot, mon
         "rne.identification.record_sets.jackknife",
         lambda both, noise, K, spread: np.zeros((len(both.factors), both.factors.shape[-1] - 1)),
     )
-    ratio = (sets.fitted().estimate.errors / alone.errors) ** 2
+    fit = sets.fitted()
+    ratio = (fit.estimate.errors / alone.errors) ** 2
     assert (ratio >= 0.999 * correlation_time.min()).all()
     assert (ratio <= 1.001 * correlation_time.max()).all()
+    of_load = np.linalg.lstsq(fit.load[:, :-1], fit.load[:, -1])[0]  # the other unknowns are eliminated
+    np.testing.assert_allclose(of_load, fit.estimate.values[-10:], rtol=1e-6, atol=1e-9)
 
 
-def test_numbers_of_the_load_do_not_depend_on_unknowns_that_are_nothing(robot, measured):
+def test_numbers_of_the_load_do_not_depend_on_unknowns_that_are_nothing(load_of_three):
     """Of a load of which nothing is unknown no parameter is left, and the base parameters are those of both sets."""
-    sets = record_sets(robot, *measured, None, None)
-    loaded = sets.with_load("tool0")
-    none, ten = sets.assembled(sets.plain), loaded.assembled(sets.plain)
+    sets = load_of_three.sets
+    none, ten = (x.assembled(sets.plain) for x in (dataclasses.replace(sets, S=sets.S[..., :0]), sets))
     assert least_squares(none).values.shape == (sets.base.count,)
     np.testing.assert_allclose(none.torques(), ten.torques(), rtol=1e-12)
-
-
-@pytest.mark.parametrize("first", [0, 3])
-def test_unknowns_that_are_eliminated_leave_the_others_as_they_are(first):
-    factor = np.random.default_rng(5).normal(size=(12, 7))  # six unknowns and the right side
-    left, whole = (np.linalg.lstsq(R[:, :-1], R[:, -1])[0] for R in (eliminated(factor, np.s_[first:6]), factor))
-    np.testing.assert_allclose(left, whole[first:], rtol=1e-12)
 
 
 def test_errors_of_drives_that_hardly_matter_keep_the_spread_assumed_first():
@@ -707,13 +703,12 @@ def test_a_record_of_both_sets_is_seen_with_another_delay_and_cutoff(arm, three,
     first = rne.identify(arm, records, consistent=False, causes=False, cutoff=5.0)
     np.testing.assert_allclose(first.delay[1] - first.delay[0], 0.006, atol=5e-4)
 
-    def with_another(record, **changes):
-        return record_sets(first, None, Record(record.t, record.q, **{"tau": record.tau} | changes), None, cutoff)
-
     for k, record in enumerate(records):
         with pytest.raises(ValueError, match=f"^`with_load` has a record that the others have too, 'run {k}': one is"):
-            with_another(record, name=f"run {k}")
-    assert len(with_another(three[0], tau=1.001 * three[0].tau).data) == 2
+            rne.identify_payload(first, None, Record(record.t, record.q, record.tau, name=f"run {k}"), cutoff=cutoff)
+    other = Record(three[0].t, three[0].q, 1.001 * three[0].tau)
+    with pytest.warns(rne.IdentificationWarning, match="^the mass is known to "):
+        rne.identify_payload(first, None, other, cutoff=cutoff)
 
 
 def test_gains_of_a_mass_alone_need_no_frame():
@@ -740,14 +735,15 @@ def late(record, seconds):
 
 def test_delays_are_estimated_and_may_be_given(arm, three):
     """6 and 4 ms, of 8 between samples: each set of records by itself."""
-    sets = record_sets(arm, late(three[0], 0.006), late(three[1], 0.004), None, 5.0, None).with_delays()
+    options = {"cutoff": 5.0, "link": "tool0"}
+    sets = rne.identify_payload(arm, late(three[0], 0.006), late(three[1], 0.004), **options).sets
     for data, true in zip(sets.data, (0.006, 0.004), strict=True):
         np.testing.assert_allclose(data.delays, true, atol=5e-4)  # a tenth of it: the noise of these records
         told = (
             f"record: torques are measured {1000 * data.delays[0, 0]:.3g} ms later than positions; taken into account"
         )
         assert data.notes[-1] == told
-    as_given = record_sets(arm, *three, None, 5.0, 0.01).with_delays()
+    as_given = rne.identify_payload(arm, *three, delay=0.01, **options).sets
     assert all((data.delays == 0.01).all() for data in as_given.data)
     with pytest.raises(ValueError, match=r"^`delay` must be at most 1 s, got 4: give seconds, 0.005 for 5 ms$"):
         rne.identify_payload(arm, *three, delay=4)
