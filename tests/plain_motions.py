@@ -16,7 +16,7 @@ from rne.basics.spatial import rotation_from_rpy
 from rne.control.law_numbers import law_at
 from rne.dynamics.kinematics import coordinate_map, joint_accelerations, joint_positions
 from rne.dynamics.rnea import newton_euler
-from rne.integrators.tableaus import tableau
+from rne.integrators import tableaus
 from rne.model.parameters import at_parameters, parameters_of
 from rne.model.topology import end_link
 
@@ -242,7 +242,7 @@ def equal_ends(scene, duration, step):
 def plain_motion(plain, x, z, ends, duration, method="rk4", cost=None, torque=None):
     """The state at the end, and the integral of the cost, along steps with these ends; states of all ends."""
     scene, n, T = plain.scene, plain.n, plain.scene.sample_time
-    coefficients = tableau(method)
+    coefficients = tableaus.tableau(method)
     A, B, C = coefficients.A, coefficients.B, coefficients.C
     happens = dict(instants(scene, duration))
     jumps = sorted(t for t, what in happens.items() if "break" in what)

@@ -10,9 +10,7 @@ import pytest
 
 import rne
 from rne.control.traced_law import TracedLaw
-from rne.integrators import compiled_methods, runge_kutta
-from rne.integrators.step_control import Interval, Problem, Storage
-from rne.integrators.tableaus import tableau
+from rne.integrators import compiled_methods, runge_kutta, step_control, tableaus
 from rne.kernels import Kernel
 from rne.kernels.python_backend import state_function
 from rne.kernels.soundness import NeedsRecursion
@@ -305,14 +303,14 @@ def test_a_step_that_is_cut_ends_exactly_at_the_end():
     t, end = next((a, b) for a, b in np.random.default_rng(0).uniform(0, [0.1, 1.0], (10**4, 2)) if a + (b - a) < b)
     T, X, H = np.full(9, t), np.ones((9, 1)), np.full(9, 10.0)
     K, count, work = np.zeros((8, 7, 1)), np.zeros(8, dtype=np.int64), np.zeros(1)
-    interval = Interval(tableau("RK45"), t, end, -np.inf, np.inf, 1e-6, 1e-9, 1)
+    interval = step_control.Interval(tableaus.tableau("RK45"), t, end, -np.inf, np.inf, 1e-6, 1e-9, 1)
     arguments = np.zeros(1), np.zeros(1)
 
     def at_rest(t, x, rates):
         rates[:] = 0.0
         return True
 
-    problem, steps = Problem(at_rest, arguments, interval), Storage(T, X, K, H, count, work)
+    problem, steps = step_control.Problem(at_rest, arguments, interval), step_control.Storage(T, X, K, H, count, work)
     assert runge_kutta.take_steps(problem, end, runge_kutta.CONTINUE, steps) == 1
     assert T[1] == end
 

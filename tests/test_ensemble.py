@@ -12,10 +12,7 @@ import pytest
 
 import rne
 from rne.elementwise import less
-from rne.integrators import lanes, rows
-from rne.integrators.rows import run_rows
-from rne.integrators.step_control import Interval
-from rne.integrators.tableaus import tableau
+from rne.integrators import lanes, rows, step_control, tableaus
 from rne.kernels import Kernel
 from rne.kernels.numpy_backend import BlockProgram
 from rne.simulation import ensembles
@@ -357,21 +354,26 @@ class TestLanes:
         times, grid = np.array([0.05, 0.07, 0.2]), np.linspace(0, 0.2, 21 if fixed else 0)
         t_eval, positions = grid[[5, 7, 20]] if fixed else times, 2 * (method == "semi-implicit-euler")
         options = {"t_eval": t_eval, "grid": grid, "positions": positions}
-        how = Interval(tableau(method), 0.0, 0.2, -np.inf, np.inf, 1e-4, 1e-7, 4, **options), kernel
+        how = (
+            step_control.Interval(tableaus.tableau(method), 0.0, 0.2, -np.inf, np.inf, 1e-4, 1e-7, 4, **options),
+            kernel,
+        )
         x = np.concatenate(starts, axis=1)[:count]
         X, expected = np.full((2, 3, count, 4), np.nan)
         told = []
         found = lanes.run_lanes(*how, numbers, x, X, told.append)
         assert found.is_done
         assert sum(told) == count * max(1, len(grid) - 1)
-        by_rows = run_rows(*how, numbers, np.arange(count), x, expected, lambda done: None)
+        by_rows = rows.run_rows(*how, numbers, np.arange(count), x, expected, lambda done: None)
         assert not found.code.any()
         np.testing.assert_allclose(X, expected, rtol=1e-9, atol=1e-9)  # rounding moves the estimates of errors
         assert 0.9 * by_rows.evaluations <= found.evaluations <= 1.1 * by_rows.evaluations
 
     def test_motions_to_be_examined_are_left(self, plain, chain, starts):
         (kernel, numbers), x = rates_of(rne.Scene(chain)), np.concatenate(starts, axis=1)[:12]
-        interval = Interval(tableau("RK45"), 0.0, 1e-9, -np.inf, np.inf, 1e-3, 1e-6, 4, t_eval=np.array([1e-9]))
+        interval = step_control.Interval(
+            tableaus.tableau("RK45"), 0.0, 1e-9, -np.inf, np.inf, 1e-3, 1e-6, 4, t_eval=np.array([1e-9])
+        )
         x[[0, 7], 2:] = 3e8, -2e8
         x[11, 1] = np.inf
         X, told = np.full((1, 12, 4), np.nan), []
@@ -395,7 +397,9 @@ class TestLanes:
         monkeypatch.setattr(lanes, "SLOW", 0)
         x, X = np.concatenate(starts, axis=1)[:3], np.full((1, 3, 4), np.nan)
         t_eval = np.array([min(0.2, 5 / viscous)])
-        interval = Interval(tableau("RK45"), 0.0, t_eval[0], -np.inf, np.inf, 1e-6, 1e-9, 4, t_eval=t_eval, watched=1)
+        interval = step_control.Interval(
+            tableaus.tableau("RK45"), 0.0, t_eval[0], -np.inf, np.inf, 1e-6, 1e-9, 4, t_eval=t_eval, watched=1
+        )
         kernel, numbers = rates_of(rne.Scene(chain, friction=rne.Friction(viscous=viscous)))
         found = lanes.run_lanes(interval, kernel, numbers, x, X, lambda count: None)
         assert found.code.tolist() == [code] * 3
@@ -547,7 +551,7 @@ def test_a_first_step_that_is_no_number_is_named():
 @pytest.mark.parametrize("engine", ["numpy", "lanes"])
 def test_a_motion_without_end_is_given_up(chain, engine, monkeypatch):
     """Of 1e20 rad/s steps would be 1e-21 s long."""
-    how = Interval(tableau("RK45"), 0.0, 1.0, -np.inf, np.inf, 1e-3, 1e-6, 4, t_eval=np.ones(1))
+    how = step_control.Interval(tableaus.tableau("RK45"), 0.0, 1.0, -np.inf, np.inf, 1e-3, 1e-6, 4, t_eval=np.ones(1))
     x, X = np.array([[0, 0, 1.0, 1.0], [0, 0, 1e20, 0]]), np.full((1, 2, 4), np.nan)
     kernel = SimpleNamespace(operations={}, is_unrolled=True, engine="numpy", coefficients=lambda numbers: numbers)
     kernel.traced = SimpleNamespace(widths=(1, 4, 0))
@@ -563,7 +567,7 @@ def test_a_motion_without_end_is_given_up(chain, engine, monkeypatch):
             rne.NotFiniteError,
             match=r"^start 1 at t = \d\.\d+e-\d+ s: 100 steps came no further, and the motion would take more than 1e\+10$",
         ):
-            run_rows(how, kernel, np.zeros(0), np.arange(2), x, X, lambda count: None)
+            rows.run_rows(how, kernel, np.zeros(0), np.arange(2), x, X, lambda count: None)
         return
     monkeypatch.setattr(lanes, "compiled", lambda text: text)
 
@@ -633,8 +637,11 @@ def test_no_starts_give_no_motions(chain):
             {"method": "euler"},
             "`method` must be 'auto' or one of ['rk4', 'semi-implicit-euler'], got 'euler'",
         ),
-        ({"keep": 1}, "`keep` must be a whole number, at least 2, got 1"),
-        ({"keep": 3, "t_eval": [0.1]}, "`keep` and `t_eval` both say which times to report: give one of them"),
+        ({"keep": 1}, "`keep` must be a whole number of at least 2, got 1"),
+        (
+            {"keep": 3, "t_eval": [0.1]},
+            "`keep` and `t_eval` are two ways to give the times to report: give one of them",
+        ),
         ({"step": None, "rtol": 0}, "`rtol` must be positive, got 0.0"),
         (
             {"step": None, "method": "rk4"},

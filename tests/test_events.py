@@ -10,7 +10,7 @@ from scipy.integrate import simpson
 from scipy.optimize import brentq
 
 import rne
-from rne.integrators.base import Steps
+from rne.integrators import base
 from rne.simulation.events import first_crossing
 
 from .helpers import Mimic, Part, assemble, kept
@@ -58,7 +58,7 @@ def test_a_start_beyond_a_stop_is_refused():
         rne.simulate(rne.Scene(slider(upper=0.45), stops=True), [0.5], [0.0], 1.0)
 
 
-class TimeItself(Steps):
+class TimeItself(base.Steps):
     """Steps along x(t) = t."""
 
     def __init__(self, times):

@@ -8,13 +8,8 @@ import pytest
 import scipy.integrate
 
 from rne.basics.piecewise import NO_TABLE
-from rne.integrators import compiled_methods, lanes, rosenbrock, runge_kutta, step_control, tableaus
-from rne.integrators.base import Implicit, IntegrationOptions
-from rne.integrators.compiled_methods import CompiledSolver, RosenbrockSolver, SampledSolver
-from rne.integrators.rows import run_rows
+from rne.integrators import base, compiled_methods, lanes, rosenbrock, rows, runge_kutta, step_control, tableaus
 from rne.integrators.scipy_methods import SciPySolver
-from rne.integrators.step_control import Interval
-from rne.integrators.tableaus import tableau
 
 from .helpers import EPS
 
@@ -37,7 +32,7 @@ class Oscillator:
         self.counted, self.size, self.evaluations = 2, 2 + with_energy, 0
         self.kernel = SimpleNamespace(address=lambda: self.function, coefficients=lambda numbers: numbers)
         slopes = SimpleNamespace(address=lambda: self.slopes, coefficients=lambda numbers: numbers)
-        self.width, self.implicit = self.size, Implicit(1, slopes)
+        self.width, self.implicit = self.size, base.Implicit(1, slopes)
 
     def jacobian(self, t, x):
         """Over q and q'."""
@@ -81,13 +76,13 @@ def solver_of(system, way, options):
     if way == "scipy":
         return SciPySolver(options, True)
     if options.method == "Rodas5P":
-        return RosenbrockSolver(options, system)
-    return CompiledSolver(options, system.kernel)
+        return compiled_methods.RosenbrockSolver(options, system)
+    return compiled_methods.CompiledSolver(options, system.kernel)
 
 
 def motion(system, way, method, end=10.0, rtol=1e-6, atol=1e-9):
     """Times, states, and states in the middles of all steps but the first."""
-    solver = solver_of(system, way, IntegrationOptions(method, rtol, atol))
+    solver = solver_of(system, way, base.IntegrationOptions(method, rtol, atol))
     solver.start(system, 0.0, np.append(START, np.zeros(system.size - 2)), end)
     T, X, middles = [0.0], [np.append(START, np.zeros(system.size - 2))], []
     while solver.is_running:
@@ -176,7 +171,7 @@ def test_energies_keep_the_order_of_rodas5p(interpreted):
 
 def test_errors_are_compared_with_the_tolerance_of_what_counts():
     """A step of Euler's that errs by (3, 4) times the tolerance, and by anything behind, has the norm 5 / sqrt(2)."""
-    interval = Interval((), 0.0, 1.0, -np.inf, np.inf, 0.0, 1e-3, 2)
+    interval = step_control.Interval((), 0.0, 1.0, -np.inf, np.inf, 0.0, 1e-3, 2)
     E, K, x = np.array([[-1.0, 1.0]]), np.array([[0.0, 0, 0], [3e-3, 4e-3, 1e9]]), np.zeros(3)
     assert step_control.error_norm(E, K, 1.0, x, x, interval, np.zeros(3)) == pytest.approx(5 / 2**0.5, rel=4 * EPS)
 
@@ -230,7 +225,7 @@ ORDERS = {
 @pytest.mark.parametrize("method", ORDERS)
 def test_every_condition_of_order(method):
     """Of the step, of the step minus its estimated error, and of the interpolant at fractions of the step."""
-    table, (order, estimate, inside) = tableau(method), ORDERS[method]
+    table, (order, estimate, inside) = tableaus.tableau(method), ORDERS[method]
     A, u = whole(table), np.linspace(0.1, 1.0, 7)
     b = np.append(table.B, np.zeros(len(A) - len(table.B)))
     e = np.zeros(len(A))
@@ -281,7 +276,7 @@ class Sampler:
 def test_a_step_from_a_slope_that_is_not_valid_is_left_to_scipy(interpreted):
     system, answers = Oscillator(with_energy=False), iter([False])
     system.kernel.address = lambda: lambda *arguments: system.function(*arguments) and next(answers, True)
-    solver = CompiledSolver(IntegrationOptions("RK45", 1e-6, 1e-9), system.kernel)
+    solver = compiled_methods.CompiledSolver(base.IntegrationOptions("RK45", 1e-6, 1e-9), system.kernel)
     solver.start(system, 0.0, START, 1.0)
     assert len(solver.steps(10).T) == 2
     assert solver.note == "in machine code, 1 step by SciPy"
@@ -291,7 +286,7 @@ def test_the_torque_of_a_sample_is_told_where_its_first_step_is_left_to_scipy(in
     system, answers = Oscillator(with_energy=False), iter([False])
     system.kernel.address = lambda: lambda *arguments: system.function(*arguments) and next(answers, True)
     system.held, sampler = np.full(1, 9.0), Sampler(system)
-    solver = SampledSolver(IntegrationOptions("RK45", 1e-6, 1e-9), system.kernel, sampler)
+    solver = compiled_methods.SampledSolver(base.IntegrationOptions("RK45", 1e-6, 1e-9), system.kernel, sampler)
     solver.start(system, 0.0, START, 1.0)
     assert len(solver.steps(10).T) == 2
     assert system.held == -2 * START[0]
@@ -306,7 +301,7 @@ def test_a_sample_ends_a_block_where_its_first_step_cannot_be_taken(interpreted)
 
     system.kernel.address = lambda: function
     system.held, sampler = np.zeros(1), Sampler(system)
-    solver = SampledSolver(IntegrationOptions("RK45", 1e-12, 1e-13), system.kernel, sampler)
+    solver = compiled_methods.SampledSolver(base.IntegrationOptions("RK45", 1e-12, 1e-13), system.kernel, sampler)
     solver.start(system, 0.0, START, 0.12)
     ends = []
     while solver.is_running:
@@ -354,15 +349,17 @@ def test_a_method_is_its_tableau(interpreted, monkeypatch):
     kernel = SimpleNamespace(operations={}, is_unrolled=True, engine="numpy", coefficients=lambda numbers: numbers)
     kernel.traced = SimpleNamespace(widths=(1, 3, 0))
     kernel.blocks, kernel.address = SimpleNamespace(sound=valid), lambda count, common: in_lanes
-    interval = Interval(tableau("Heun"), 0.0, 1.0, -np.inf, np.inf, 1e-4, 1e-4, 2, t_eval=np.array([T[3], 1.0]))
+    interval = step_control.Interval(
+        tableaus.tableau("Heun"), 0.0, 1.0, -np.inf, np.inf, 1e-4, 1e-4, 2, t_eval=np.array([T[3], 1.0])
+    )
     starts, results = np.tile(np.append(START, 0.0), (3, 1)), np.full((2, 2, 3, 3), np.nan)
-    run_rows(interval, kernel, np.zeros(0), np.arange(3), starts, results[0], lambda count: None)
+    rows.run_rows(interval, kernel, np.zeros(0), np.arange(3), starts, results[0], lambda count: None)
     lanes.run_lanes(interval, kernel, np.zeros(0), starts, results[1], lambda count: None)
     np.testing.assert_allclose(results, np.broadcast_to(X[[3, -1], None], results.shape), rtol=1e-9, atol=1e-12)
 
     sampled = Oscillator(with_energy=True)
     sampled.held, sampler = np.zeros(1), Sampler(sampled)
-    solver = SampledSolver(IntegrationOptions("Heun", 1e-8, 1e-8), sampled.kernel, sampler)
+    solver = compiled_methods.SampledSolver(base.IntegrationOptions("Heun", 1e-8, 1e-8), sampled.kernel, sampler)
     solver.start(sampled, 0.0, np.append(START, 0.0), 0.3)
     x = np.append(START, 0.0)
     while solver.is_running:
@@ -376,6 +373,6 @@ def test_a_method_is_its_tableau(interpreted, monkeypatch):
 
 def test_methods_in_machine_code_are_the_explicit_ones():
     for method in EXPLICIT_METHODS:
-        table = tableau(method)
+        table = tableaus.tableau(method)
         np.testing.assert_allclose(table.A.sum(axis=1), table.C, atol=1e-13)
         assert table.B.sum() == pytest.approx(1.0, abs=4 * EPS)

@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from rne.integrators import rosenbrock
-from rne.integrators.step_control import Interval, Problem, Storage
+from rne.integrators import rosenbrock, step_control
 
 
 class Wanted:
@@ -74,11 +73,11 @@ def steps(problem, x0, end, *, h=None, rtol=1e-6, atol=1e-9, most=2000, first=1e
     X[0] = x0
     tolerances, max_step = ((1e9, 1e9), h) if equal else ((rtol, atol), np.inf)
     counted = getattr(problem, "counted", problem.size)
-    interval = Interval(rosenbrock.TABLEAU, begin, end, -np.inf, np.inf, *tolerances, counted, max_step)
+    interval = step_control.Interval(rosenbrock.TABLEAU, begin, end, -np.inf, np.inf, *tolerances, counted, max_step)
     state, work = (np.zeros(1), np.zeros(problem.size)), rosenbrock.workspace(problem.n, counted, problem.size)
     rates, slopes = functions or (problem.rates, problem.slopes)
-    given = Problem(rates, state, interval), (slopes, (*state, np.zeros(problem.n)))
-    taken = rosenbrock.take_steps(*given, Storage(T, X, P, H, count, work))
+    given = step_control.Problem(rates, state, interval), (slopes, (*state, np.zeros(problem.n)))
+    taken = rosenbrock.take_steps(*given, step_control.Storage(T, X, P, H, count, work))
     return Run(T[: taken + 1], X[: taken + 1], P[:taken], H[: taken + 1], count, work[4])
 
 

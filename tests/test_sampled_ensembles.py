@@ -182,11 +182,11 @@ def test_given_torques_one_by_one():
         ({"torque": np.zeros((1, 2)), "sample_time": 0.1}, "`torque` must have shape (1, K, 2), got (1, 2)"),
         (
             {"torque": np.zeros((1, 3, 2)), "sample_time": 0.01},
-            "`torque` of 3 samples every 0.01 s takes 0.03 s, not the 0.1 s to go",
+            "`torque` of 3 samples every 0.01 s lasts 0.03 s, the motion 0.1 s",
         ),
         (
             {"sample_time": 0.1},
-            "`sample_time` is that of `torque`, which is not given; a controller's is its scene's",
+            "`sample_time` is for `torque`, which is not given; a controller has that of its scene",
         ),
         ({"torque": np.full((1, 2), np.nan)}, "`torque` must be finite"),
         (

@@ -11,8 +11,7 @@ import pytest
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 import rne
-from rne.integrators import lanes
-from rne.integrators.compiled_methods import CompiledSolver, RosenbrockSolver
+from rne.integrators import compiled_methods, lanes
 from rne.kernels import Kernel
 from rne.kernels.numpy_backend import BlockProgram
 from rne.kernels.python_backend import state_function
@@ -211,7 +210,7 @@ def test_steps_in_loops_are_those_from_break_to_break(in_loops, monkeypatch, kin
     scene, motions = scene_of(reference, in_loops), []
     monkeypatch.setattr(run.Run, "_steps_at_once", lambda run: at_once)
     for takes_breaks in (True, False):
-        monkeypatch.setattr(CompiledSolver, "takes_breaks", takes_breaks)
+        monkeypatch.setattr(compiled_methods.CompiledSolver, "takes_breaks", takes_breaks)
         motions.append(rne.simulate(scene, [0, 0], [0, 0], 0.1, method="RK45"))
     inner = [b for b in reference.breaks if 0 < b < 0.1]
     assert motions[0].jumps.tolist() == (inner if kind == "held" else [])
@@ -225,7 +224,7 @@ def test_steps_of_rodas5p_end_at_breaks(in_loops, monkeypatch):
     scene = scene_of(sampled(t, np.sin(9 * t)[:, None] * [0.3, 0.1]), in_loops, friction=rne.Friction(viscous=1.0))
     motions = []
     for takes_breaks in (True, False):
-        monkeypatch.setattr(RosenbrockSolver, "takes_breaks", takes_breaks)
+        monkeypatch.setattr(compiled_methods.RosenbrockSolver, "takes_breaks", takes_breaks)
         motions.append(rne.simulate(scene, [0, 0], [0, 0], 0.4, method="Rodas5P", rtol=1e-10, atol=1e-12))
     np.testing.assert_array_equal(motions[0].jumps, motions[1].jumps)
     np.testing.assert_allclose(motions[0].q[-1], motions[1].q[-1], rtol=0, atol=AGREED)

@@ -9,7 +9,7 @@ import pytest
 
 import rne
 from rne.control import pd_gravity
-from rne.integrators.base import Steps
+from rne.integrators import base
 from rne.integrators.scipy_methods import SciPySolver
 from rne.simulation.plant import Plant
 from rne.simulation.run import RunResult
@@ -34,7 +34,7 @@ def double():
 def test_every_step_is_reported_however_many_are_taken_at_once(count):
     T = np.arange(6.0)
     system = SimpleNamespace(modes=None, reported=lambda x: x)
-    record, steps = RunResult(system, SimpleNamespace(t_eval=None)), Steps(T, T[:, None])
+    record, steps = RunResult(system, SimpleNamespace(t_eval=None)), base.Steps(T, T[:, None])
     record.begin(0.0, T[:1])
     record.take(steps, count, T[count], T[count, None])
     record.begin(T[count], np.array([7.0]))  # the next segment, after a jump of the state

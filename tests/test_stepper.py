@@ -272,7 +272,7 @@ REFUSED = {
     "`smoothing` above 0": lambda: rne.Stepper(chain(friction=rne.Friction(coulomb=1.0, smoothing=0)), 0.01),
     "the scene cannot be stepped from its state alone: `controller` is called, as it is not marked by "
     "rne.traceable: mark it by rne.traceable": lambda: rne.Stepper(chain(controller=lambda t, q, qd: -qd), 0.01),
-    "the scene cannot be stepped from its state alone: `torque_rate` needs the command before: leave it out, "
+    "the scene cannot be stepped from its state alone: `torque_rate` needs the previous command: leave it out, "
     "or bound what the law gives": lambda: rne.Stepper(sampled(torque_rate=10.0)),
     "`u` must be given, torques of shape (2,) or (N, 2): the scene has no controller": lambda: rne.Stepper(
         chain(), 0.01

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.integrators import compiled_methods
-from rne.integrators.base import Implicit, IntegrationOptions, Steps
+from rne.integrators import base, compiled_methods
 from rne.model.abb_irb140 import CLOSED_LOOPS
 from rne.simulation import run
 from rne.simulation.method_choice import MethodMonitor, work_per_step
@@ -124,7 +123,7 @@ class Linear:
     is_compiled, is_conservative, sticks, sampled, counted = True, False, False, np.zeros(2), 4
     robot, dynamics = SimpleNamespace(n=2, joint_names=("a", "b")), SimpleNamespace(n=2, states=0)
     kernel = SimpleNamespace(operations={"multiply": 500})
-    implicit = Implicit(2, SimpleNamespace(operations={"multiply": 500}, is_unrolled=True))
+    implicit = base.Implicit(2, SimpleNamespace(operations={"multiply": 500}, is_unrolled=True))
     fastest = 1.0
 
     def linearised(self, t, x):
@@ -140,7 +139,7 @@ def watched(start="DOP853", hold=None):
         before, last = watch.method, watch.recent[-1][0] if watch.recent else 0.0
         while count > 0 and watch.method == before:
             T = last + h * np.arange(min(count, watch.steps_to_look) + 1)
-            watch.changes_method(Steps(T, np.zeros((len(T), 4))))
+            watch.changes_method(base.Steps(T, np.zeros((len(T), 4))))
             count, last = count - len(T) + 1, T[-1]
         return watch.method
 
@@ -262,7 +261,7 @@ def test_blocks_of_any_number_of_steps_are_the_same_steps(pair):
     solvers, times = [], []
     for most in (1, 100):
         plant = Plant(rne.Scene(pair[1], controller=of_time).dynamics, pair[1])
-        how = IntegrationOptions("Rodas5P", 1e-6, 1e-9), plant
+        how = base.IntegrationOptions("Rodas5P", 1e-6, 1e-9), plant
         solvers.append(compiled_methods.RosenbrockSolver(*how))
         solvers[-1].start(plant, 0.0, np.array([0.5, 0.2, 0, 1.0, 0]), 0.1)
         times.append([0.0])
@@ -275,7 +274,7 @@ def test_blocks_of_any_number_of_steps_are_the_same_steps(pair):
 def test_the_first_step_is_a_part_of_the_time_that_is_left(pair):
     """However much has passed before."""
     plant, lengths = Plant(rne.Scene(pair[1]).dynamics, pair[1]), []
-    how = IntegrationOptions("Rodas5P", 1e-6, 1e-9), plant
+    how = base.IntegrationOptions("Rodas5P", 1e-6, 1e-9), plant
     for begin in (0.0, 1e3):
         solver = compiled_methods.RosenbrockSolver(*how)
         solver.start(plant, begin, np.array([0.5, 0.2, 0, 1.0]), begin + 0.1)

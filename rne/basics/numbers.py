@@ -37,7 +37,9 @@ class WithNumbers(ABC):
         return np.concatenate([np.zeros(0), *(self.numbers[name][mask] for name, mask in self.masks.items())])
 
     def vectors(self, own: Mapping[str, Array]) -> Array:
-        """Vectors of N motions, (N, p), which have numbers (N, ...) of their own."""
+        """Vectors of N motions, (N, p), which have numbers (N, ...) of their own; (p,) if they have none."""
+        if not own:
+            return np.asarray(self.vector)
         count = len(next(iter(own.values())))
         parts = [
             own[name].reshape(count, -1)[:, mask.reshape(-1)]

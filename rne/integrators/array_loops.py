@@ -56,21 +56,21 @@ def move(x: Any, h: Any, slope: Any, out: Any) -> None:
     out[:] = x[: len(out)] + h * slope[: len(out)]
 
 
-def _combination(weights: Any, first: Any, end: Any, K: Any, out: Any) -> None:
+def _combine(weights: Any, count: Any, K: Any, out: Any) -> None:
     for e in range(len(out)):
         out[e] = 0.0
-    for j in range(first, end):
+    for j in range(count):
         w = weights[j]
         if w != 0.0:
             for e in range(len(out)):
                 out[e] += w * K[j, e]
 
 
-@by_loops(_combination)
-def combination(weights: Any, first: Any, end: Any, K: Any, out: Any) -> None:
-    """Sum of weights[j] K[j] over first <= j < end, term by term: no entry's rounding depends on the others."""
+@by_loops(_combine)
+def combine(weights: Any, count: Any, K: Any, out: Any) -> None:
+    """Sum of weights[j] K[j] over j < count, term by term: no entry's rounding depends on the others."""
     out[:] = 0.0
-    for w, k in zip(weights[first:end].tolist(), K[first:end], strict=True):
+    for w, k in zip(weights[:count].tolist(), K[:count], strict=True):
         if w:
             out += w * k[: len(out)]
 

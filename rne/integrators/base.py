@@ -57,20 +57,20 @@ class Implicit(NamedTuple):
 class System(Protocol):
     """Initial value problem dx/dt = f(t, x, u, numbers); the contract between systems and solvers:
 
-    1. The first `counted` entries of the state x, (size,), are held to the tolerances. The others are integrals, such
-       as energies: their rates depend on the first alone, and an error of theirs is relative to `integral_scale` plus
-       their own size. Where the scale is infinite it does not count.
-    2. f is evaluated within `span` alone, which the system sets before a solver starts or resumes: it lies on one side
-       of each jump of f, but for those that the solver takes as `breaks`. A solver whose stage is outside takes the
-       time of `span` that is closest.
+    1. The first `counted` entries of the state x, (size,), are controlled to the tolerances. The others are integrals,
+       such as energies: their rates depend only on the first, and their errors are relative to `integral_scale` plus
+       their own size. Where the scale is infinite they do not count.
+    2. f is evaluated only within `span`, which the system sets before a solver starts or resumes: it lies on one side
+       of each jump of f, except those that the solver takes as `breaks`. A solver whose stage is outside takes the
+       closest time of `span`.
     3. `held` is u, or None of an f without inputs. It stays as it is from `start` or `resume` until the solver has
        reached the end that it was given; a solver that samples a law itself changes its own copy.
-    4. `kernel` is f for loops: of t, (1,), x, u where there is one, and what `Kernel.coefficients` makes of `numbers`,
-       (p,), which stay the same over a run, it gives dx/dt, and `width` numbers in all: those behind dx/dt are carried
-       along unread. Where it is not certain of its result, it says so, and the solver calls `rates` there, which knows
-       more or raises an error that names the cause.
-    5. `evaluations` counts calls of f. Calling the system adds 1, and `jacobian` its own; who runs `kernel` in a loop,
-       or calls `rates`, adds those.
+    4. `kernel` is f for loops: of t, (1,), x, u where there is one, and `Kernel.coefficients` of `numbers`, (p,), which
+       stay the same over a run, it gives `width` numbers: dx/dt, then numbers that solvers do not read. Where its
+       result is not certain, it returns False, and the solver calls `rates`, which computes it by another method or
+       raises an error with the cause.
+    5. `evaluations` counts calls of f. Calling the system adds 1, and `jacobian` its own; code that runs `kernel` in a
+       loop, or calls `rates`, adds those.
     6. `jacobian` is df/dx at (t, x) under what is held, (size, size); its columns of integrals are 0.
     7. Where `table` has rows, f takes the one that holds at t, begin and end first, as an argument before the numbers:
        pieces of a motion that f follows.
@@ -102,7 +102,7 @@ class System(Protocol):
         """dx/dt under the inputs that are held, counted."""
 
     def rates(self, t: float, x: Array, u: Array | None) -> Array:
-        """dx/dt under given inputs; errors name what is wrong."""
+        """dx/dt under given inputs; errors have the cause."""
 
     def jacobian(self, t: float, x: Array) -> Array:
         """df/dx under the inputs that are held."""
@@ -113,7 +113,7 @@ class Sampler(Protocol):
 
     period: float  # time between two samples
     update: StateUpdate  # of the law's states
-    delay: tuple[float, float]  # from a sample until its command acts: a whole number of periods, and a rest of time
+    delay: tuple[float, float]  # from a sample until its command acts: a whole number of periods, and a remainder [s]
     count: int  # samples so far
     arrived: int  # commands so far that act or have acted
     pending: Array  # (p, n), the last commands; that of sample k in row k % p

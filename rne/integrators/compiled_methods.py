@@ -1,7 +1,7 @@
 """Solvers in machine code, many steps per call, for laws that are traced or held: explicit methods and Rodas5P.
 
-What a compiled loop cannot decide, a state that needs the recursion, is one step by SciPy's solver, or of Rodas5P one
-of the same loop run by the interpreter around the recursion, which names what is wrong.
+At a state that needs the recursion, SciPy's solver takes one step, or Python runs the loop of Rodas5P for one step; the
+recursion's errors have the cause.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ from typing import Any
 
 import numpy as np
 
+from ..basics.piecewise import NO_TABLES
 from ..basics.spatial import Array
 from ..basics.text import counted
 from ..kernels.kernel import Kernel
 from . import rosenbrock, runge_kutta
 from .base import RODAS, GaveUpError, IntegrationOptions, Interpolant, Sampler, Solver, Steps, System
-from .loops import NO_PIECES, compiled
+from .frozen_steps import Function, Holding
+from .loops import compiled
 from .runge_kutta import CONTINUE, KEEP_LENGTH, RESTART
 from .scipy_methods import SciPySolver
 from .step_control import Problem, Storage, until_break
@@ -33,8 +35,7 @@ FIRST = 1e-6  # first step length of Rodas5P to try, relative to the remaining t
 class Block(Steps):
     """Steps of a compiled loop, with the stage derivatives K of each step.
 
-    Inputs of the right-hand side are u; of these the first were U in each step, shape (k, n), where samples were taken
-    between the steps.
+    Inputs of the right-hand side are u; where samples were taken between the steps, the first ones were U, (k, n).
     """
 
     def __init__(
@@ -77,8 +78,8 @@ class Block(Steps):
 class CompiledSolver(Solver):
     """An explicit method whose steps are taken in machine code, many per call.
 
-    The kernel gives the right-hand side, and perhaps more behind it, of time, state and what the system holds. A step
-    that the compiled loop leaves undone is taken by SciPy's solver, which names what is wrong.
+    The kernel gives the right-hand side, and perhaps further numbers, of time, state and what the system holds. A step
+    that the compiled loop cannot take is left to SciPy's solver.
     """
 
     takes_breaks = True
@@ -123,12 +124,8 @@ class CompiledSolver(Solver):
     def _storage(self, max_steps: int) -> Storage:
         """Arrays for steps, filled with what is known of the first."""
         n, stages = len(self.x), self.tableau.D.shape[1]
-        T, X, K = (
-            np.empty(max_steps + 1),
-            np.empty((max_steps + 1, n)),
-            np.empty((max_steps, stages, self.system.width)),
-        )
-        H, count = np.empty(max_steps + 1), np.zeros(max_steps, dtype=np.int64)
+        (T, H), X = np.empty((2, max_steps + 1)), np.empty((max_steps + 1, n))
+        K, count = np.empty((max_steps, stages, self.system.width)), np.zeros(max_steps, dtype=np.int64)
         T[0], X[0], K[0, 0], H[0] = self.t, self.x, self.f, self.h
         return Storage(T, X, K, H, count, np.empty(n))
 
@@ -185,18 +182,18 @@ class SampledSolver(CompiledSolver):
         """Next steps, at most this many."""
         sampler, n, m = self.sampler, self.bounds.shape[1], len(self.sampler.state)
         work, u = self._storage(max_steps), np.array(self.system.held)
-        moving = self.law.widths[1] - m
-        table = sampler.law_table
+        moving, table = self.law.widths[1] - m, sampler.law_table
         given = _arguments(moving + m, None, self.law.coefficients(sampler.numbers), table)
-        found, table = np.empty(self.law.traced.entries), table if len(table) else NO_PIECES
-        law = self.law.address(), given, found, table, sampler.update
-        number, z = np.array([sampler.count, sampler.arrived, 0, 0]), np.stack([sampler.state, sampler.next_state])
+        tables, found = table[None] if len(table) else NO_TABLES, np.empty(self.law.traced.entries)
+        law = Function(self.law.address(), given, found, tables, len(given) - 2, np.zeros(1))
+        counts, z = np.array([sampler.count, sampler.arrived]), np.stack([sampler.state, sampler.next_state])
+        holding = Holding(sampler.update, self.bounds, sampler.pending, z, counts)
         (begun, came), (U, W) = np.empty((2, max_steps + 1), np.int64), np.empty((2, max_steps + 1, n))
-        Z, timing = np.empty((max_steps + 1, m)), (sampler.period, *sampler.delay)
+        Z, timing, number = np.empty((max_steps + 1, m)), (sampler.period, *sampler.delay), np.zeros(2, np.int64)
         problem = Problem(self.rates, self._arguments(u), self.interval())
-        held = runge_kutta.HeldCommands(number, self.bounds, z, sampler.pending, begun, came, U, W, Z)
-        taken = take_samples(law, problem, timing, self.how, work, held)
-        begun, came = begun[: number[2]], came[: number[3]]
+        held = runge_kutta.HeldCommands(number, begun, came, U, W, Z, np.empty(n))
+        taken = take_samples(law, holding, problem, timing, self.how, work, held)
+        begun, came = begun[: number[0]], came[: number[1]]
         last = max((*begun[-1:], *came[-1:]), default=-1)
         if last >= 0:
             samples = work.T[begun], work.X[begun, :moving], W[: len(begun)], Z[: len(begun)]

@@ -1,17 +1,17 @@
 """Discrete adjoint and discrete sensitivities of explicit Runge-Kutta methods with frozen step sizes, of a batch.
 
-Frozen: lengths of steps are constants, whatever the state, so that a motion is a chain of smooth maps, whose derivative
-is exactly that of what was computed. `advance` takes the steps, `pull_back` is their reverse mode (the discrete
-adjoint: derivatives of a number by the state at the end become those by the start and by all that the motion is made
-of), `carry` their forward mode (discrete sensitivities, of p columns; Griewank and Walther 2008, chapter 3; Sandu 2006,
-On the properties of Runge-Kutta discrete adjoints, equation 4). With K_s = f(x + h sum_r a_sr K_r) and x+ = x + h sum_s
-b_s K_s the adjoint is
+Frozen: lengths of steps do not depend on the state, so that a motion is a chain of smooth maps, whose derivative is
+exactly that of what was computed. `advance` takes the steps, `pull_back` is their reverse mode (the discrete adjoint:
+from derivatives of a number by the state at the end to those by the start, numbers, bounds and pieces), `carry` their
+forward mode (discrete sensitivities, of p columns; Griewank and Walther 2008, chapter 3; Sandu 2006, On the properties
+of Runge-Kutta discrete adjoints, equation 4). With K_s = f(x + h sum_r a_sr K_r) and x+ = x + h sum_s b_s K_s the
+adjoint is
 
     K_s' = h (b_s x+' + sum_r a_rs y_r'),  y_s' = (df/dy)^T K_s',  x' = x+' + sum_s y_s',  p' = sum_s (df/dp)^T K_s'
 
 At the begin of a step a law may be sampled, and a command begin to act, as in `runge_kutta.take_samples`. Arrays of
-motions side by side are flat: entry i L + k is component i of motion k of L. The texts run in machine code around
-addresses of kernels, and as they stand by NumPy around functions.
+motions side by side are flat: entry i L + k is component i of motion k of L. The loops run in machine code with
+addresses of kernels, and in Python with functions of NumPy arrays.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from .array_loops import add, add_columns, add_product, combination, fill, move, put
-from .loops import StateUpdate, by_loops, evaluate, inline, row_at
+from .array_loops import add, add_columns, add_product, combine, fill, move, put
+from .loops import StateUpdate, by_loops, evaluate, inline, put_piece, row_at
 
 
 class Schedule(NamedTuple):
     """K steps of S stages, common to motions computed side by side."""
 
     tableau: Any
-    positions: int  # entries of the state that move with the rates at the end of the step, which are stored behind them
+    positions: int  # number of the first entries that move with the rates at the end of the step, the next entries
     times: Array  # (K, S), of stages, each on its own side of jumps [s]
     begins: Array  # (K,)
     lengths: Array  # (K,)
@@ -70,9 +70,13 @@ class Kept(NamedTuple):
     states: Array  # (K, m L), of the law at its sample
     bounds: Array  # (K, n L), of commands: 0 where free, 1 at the limit, 2 at that of the change, negative below 0
 
+    def part(self, first: int, end: int) -> Kept:
+        """Values of a range of steps."""
+        return Kept(*(array[first:end] for array in self))
+
 
 class Adjoint(NamedTuple):
-    """Derivatives of a scalar by the quantities of a motion, accumulated by `pull_back`, and its workspace."""
+    """Derivatives of a scalar with respect to the quantities of a motion, summed by `pull_back`, and its workspace."""
 
     x: Array  # (size L,), the state
     held: Array  # (n L,), the command that acts
@@ -89,18 +93,18 @@ class Adjoint(NamedTuple):
 
 @inline
 def put_time(function: Any, t: Any) -> Any:
-    """Write a time since the start, and the pieces that hold then, into the arguments; returns the first one's row."""
+    """Write a time since the start, and the pieces that hold then, into the arguments; returns the first one's row.
+
+    Outside of the tables pieces are NaN, where no result is valid.
+    """
     tables, piece, times = function.tables, function.inputs[function.piece], function.inputs[0]
     fill(t, times)
     add(function.begins, times)
     if len(tables) == 0:
         return -1
-    row, lanes = row_at(tables[0], times[0]), len(times)
-    for k in range(lanes):
-        own = row if times[k] == times[0] else row_at(tables[0], times[k])
-        for i in range(tables.shape[2]):
-            piece[i * lanes + k] = tables[k if len(tables) > 1 else 0, own, i]
-    return row
+    for k in range(len(times)):
+        put_piece(tables[k if len(tables) > 1 else 0], times[k], piece, k, len(times))
+    return row_at(tables[0], times[0])
 
 
 def _bound(u: Any, before: Any, limits: Any, is_first: Any, command: Any, bounds: Any) -> None:
@@ -180,14 +184,14 @@ def advance(rates: Any, law: Any, schedule: Any, holding: Any, x: Any, room: Any
         if keeps:
             put(inputs[2], kept.held[k])
         for s in range(len(B)):
-            combination(A[s], 0, s, K, total)
+            combine(A[s], s, K, total)
             move(x, h, total, inputs[1])
             if keeps:
                 put(inputs[1], kept.stages[k, s])
             put_time(rates, schedule.times[k, s])
             if not evaluate(call, inputs, K[s]):
                 return k
-        combination(B, 0, len(B), K, total)
+        combine(B, len(B), K, total)
         if positions > 0:  # which move with the rates at the end
             move(x[positions:], h, total[positions:], total[:positions])
         move(x, h, total, x)
@@ -288,7 +292,7 @@ class Linear(NamedTuple):
     """Derivatives of a kernel's results at some states: by the state and a command, by numbers, and by pieces."""
 
     slopes: Array  # (..., rows, width)
-    columns: Array  # (k,) of int64: those of the numbers, behind the others, among the p seeds, or -1
+    columns: Array  # (k,) of int64: seeds of the last columns of `slopes`, those of numbers, or -1
     further: Array  # (..., rows p), by the seeds through pieces; of no entries if there are none
 
 
@@ -307,41 +311,34 @@ class Directions(NamedTuple):
 
 
 @inline
+def carry_results(J: Any, further: Any, columns: Any, x: Any, z: Any, p: Any, out: Any) -> None:
+    """Derivatives of a kernel's results from those of its arguments x and z, one after the other."""
+    fill(0.0, out)
+    add_product(J, 0, x, p, out)
+    add_product(J, len(x) // p, z, p, out)
+    add_columns(J, (len(x) + len(z)) // p, columns, p, out)
+    if len(further):
+        add(further, out)
+
+
+@inline
 def carry_slope(J: Any, further: Any, columns: Any, held: Any, p: Any, y: Any, out: Any) -> None:
     """Derivatives of a stage's dx/dt from those of its state, whose velocities are the first rows of dx/dt."""
     first = len(out) - J.shape[0] * p
     put(y[first:], out[:first])
-    own = out[first:]
-    fill(0.0, own)
-    add_product(J, 0, y, p, own)
-    add_product(J, len(y) // p, held, p, own)
-    add_columns(J, (len(y) + len(held)) // p, columns, p, own)
-    if len(further):
-        add(further, own)
-
-
-@inline
-def carry_law(J: Any, further: Any, columns: Any, d: Any, own: Any) -> None:
-    """Derivatives of some results of a law from those of the state and its own states."""
-    width, m = J.shape[1] - len(columns), len(d.states) // d.p
-    fill(0.0, own)
-    add_product(J, 0, d.x[: (width - m) * d.p], d.p, own)
-    add_product(J, width - m, d.states, d.p, own)
-    add_columns(J, width, columns, d.p, own)
-    if len(further):
-        add(further, own)
+    carry_results(J, further, columns, y, held, p, out[first:])
 
 
 @inline
 def carry_sample(law: Any, k: Any, holding: Any, bounds: Any, d: Any) -> None:
     """Derivatives of the command of sample k, and of the law's states."""
     p, pending, count = d.p, d.pending, holding.counts[0]
-    n, end = len(d.held) // p, len(d.held)
+    n, end, moving = len(d.held) // p, len(d.held), (law.slopes.shape[2] - len(law.columns)) * p - len(d.states)
     own, before, returned = pending[count % len(pending)], d.room[1, :end], d.room[2, : len(d.states)]
     put(pending[(count - 1) % len(pending)], before)
     further = law.further[k]
-    carry_law(law.slopes[k], further[:end], law.columns, d, own)
-    carry_law(law.slopes[k, n:], further[end:], law.columns, d, returned)
+    carry_results(law.slopes[k], further[:end], law.columns, d.x[:moving], d.states, p, own)
+    carry_results(law.slopes[k, n:], further[end:], law.columns, d.x[:moving], d.states, p, returned)
     for i in range(n):
         code, mine = bounds[i], own[i * p : (i + 1) * p]
         if code != 0.0:
@@ -356,28 +353,18 @@ def carry_sample(law: Any, k: Any, holding: Any, bounds: Any, d: Any) -> None:
 
 
 def carry(
-    f: Any,
-    more: Any,
-    law: Any,
-    schedule: Any,
-    holding: Any,
-    kept: Any,
-    jumps: Any,
-    reports: Any,
-    d: Any,
-    X: Any,
-    U: Any,
+    f: Any, more: Any, law: Any, schedule: Any, holding: Any, kept: Any, jumps: Any, reports: Any, d: Any
 ) -> None:
-    """Propagate derivatives of a motion along its steps; those at the times to report into X (R, size p), U (R, n p).
+    """Propagate derivatives of a motion along its steps, and report them at some times.
 
-    The derivatives of dx/dt at the stages are `f`, at stages that only interpolants need `more`, of the steps in which
-    a time to report is, one after the other; those of the law `law`, of its samples. A delay that grows moves the state
-    where a command begins to act by `jumps`, (acts, size): the rate before it less the rate after it. `reports` has the
-    step of each time, the weights of its stages, (R, stages), with which it follows from the begin, the rows of A for
-    the further stages, and for each step the number of its stages.
+    `f` has the derivatives of dx/dt at the stages, `more` those at stages that only interpolants need, of the steps
+    with a time to report, and `law` those of the law at its samples. A longer delay changes the state where a command
+    begins to act by `jumps`, (acts, size): the rate before it minus the rate after it. `reports` has the step of each
+    time to report, the weights of its stages, (R, stages), the rows of A for the further stages, the number of stages
+    of each step, and arrays for the derivatives of states and commands, (R, size p) and (R, n p).
     """
     A, B, p = schedule.tableau.A, schedule.tableau.B, d.p
-    steps, weights, further, counts = reports
+    steps, weights, further, counts, X, U = reports
     x, K, y, total = d.x, d.slopes, d.room[0, : len(d.x)], d.room[1, : len(d.x)]
     sample_number, act, report, extended = 0, 0, 0, 0
     for k in range(len(schedule.lengths)):
@@ -392,16 +379,16 @@ def carry(
                 x[i * p + d.delay] += jumps[act, i]
             act += 1
         for s in range(counts[k]):
-            combination(A[s] if s < len(B) else further[s - len(B)], 0, s, K, total)
+            combine(A[s] if s < len(B) else further[s - len(B)], s, K, total)
             move(x, h, total, y)
             g, number, row = (f, k, s) if s < len(B) else (more, extended, s - len(B))
             carry_slope(g.slopes[number, row], g.further[number, row], g.columns, d.held, p, y, K[s])
         if counts[k] > len(B):
             extended += 1
         while report < len(steps) and steps[report] == k:
-            combination(weights[report], 0, counts[k], K, total)
+            combine(weights[report], counts[k], K, total)
             move(x, h, total, X[report])
             put(d.held, U[report])
             report += 1
-        combination(B, 0, len(B), K, total)
+        combine(B, len(B), K, total)
         move(x, h, total, x)

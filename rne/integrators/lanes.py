@@ -1,16 +1,15 @@
 """Many motions by an explicit method, LANES of them side by side in vector registers, as loops in machine code.
 
-Each motion has its own time and its own steps. One that has ended makes room for the next; its result does not depend
-on its neighbours. A motion with a state that needs the recursion is left, marked, to the caller. Arrays of the lanes
-are flat, component by component: entry i LANES + k is component i of lane k.
+Each motion has its own time and its own steps, and its result does not depend on its neighbours. Where one has ended,
+the next takes its lane. A motion with a state that needs the recursion is marked and left to the caller. Arrays of the
+lanes are flat, component by component: entry i LANES + k is component i of lane k.
 
-Torques may be held, those of a law that is sampled or given ones, as in `runge_kutta.take_samples`: a step ends where
-the next sample is due, or where a command begins to act.
+Torques may be held, given ones or those of a sampled law, as in `runge_kutta.take_samples`: a step ends where the next
+sample is due, or where a command begins to act.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,37 +18,38 @@ from ..basics.piecewise import NO_TABLES, rows_of_tables
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK
 from ..kernels.kernel import Kernel
+from .array_loops import combine, put
 from .base import SAME
-from .loops import LANES, NO_PIECES, StateUpdate, combine, compiled, evaluate, inline, next_state, row_at
+from .loops import LANES, NO_PIECES, StateUpdate, compiled, evaluate, inline, next_state, put_piece
 from .rows import EARLY, FAST_DECAY, LOOK, NEEDS_RECURSION, SLOW, STIFF, BatchResult, Progress, run_rows
 from .step_control import MOST_STEPS, NEARLY, Interval, first_lengths, shortest_step, step_factor
 from .tableaus import Tableau
 
 EMPTY = -1  # number that marks a lane without a motion
 OPERATIONS = 3 * 10**7  # most operations of one call on LANES states: less than a tenth of a second
-# Rows of `lane`: the motion, its next time to report, its steps, whether the last was taken, whether that needs Q, its
+# Rows of `lane`: the motion, its next time to report, its steps, whether the last was accepted, whether it needs Q, its
 # samples, its commands that act or have acted, its steps before the last of these; of `step`: begin, length and end of
 # the step, its errors, the length to try next, the time of the next sample or command.
 MOTION, TIME, STEPS, TAKEN, WANTS, SAMPLES, ACTED, SINCE, LANE_ROWS = 0, 1, 2, 3, 4, 5, 6, 7, 8
 NOW, LENGTH, END, FIFTH, THIRD, NEXT, SWITCH, STEP_ROWS = 0, 1, 2, 3, 4, 5, 6, 7
-# Of the last of `own`: the delay in whole periods and a rest, work before the torques that act, bounds of torques, and
-# behind these, of their change between samples.
+# Rows of the last of `own`: the delay in whole periods and a remainder, work before the torques that act, bounds of
+# torques, then those of their change between samples.
 LATE, REST, WORK, BOUNDS = 0, 1, 2, 3
 
 
 class Hold(NamedTuple):
-    """Torques of n drives in the lanes, the argument of dx/dt behind the state, each held until the next one acts."""
+    """Torques of n drives in the lanes, the argument of dx/dt after the state, each held until the next one acts."""
 
     period: float  # between two samples; 0 if no torques are held
     update: StateUpdate  # of the law's states
     driven: int  # number of the first coordinate that they act on
-    most_steps: int  # between two samples: of more a motion is left
-    law: Any  # function, arguments, room for those of them that differ from lane to lane, and for the result
+    most_steps: int  # between two samples; a motion that needs more is left to the caller
+    law: Any  # function, arguments, workspace for those that differ between lanes, and the result
     sources: tuple[Array, ...]  # a row per motion of what its lane has in `own`
     own: tuple[Array, ...]  # arguments of the law; delay, work and bounds
     pending: Array  # (p, n LANES), commands, that of sample k in row k % p
     start: Array  # (n LANES,), positions where the torques began to act
-    table: Array  # (N, K, n), torques in place of a law's; empty with a law
+    table: Array  # (N, K, n), given torques; empty with a law
     pieces: Array  # of the motion that the law follows, as `Interval.table` of batches
 
 
@@ -57,7 +57,7 @@ class Room(NamedTuple):
     """Workspace of `run_all`; vectors have the entries of a state, (size LANES,)."""
 
     inputs: tuple[Array, ...]  # arguments of the kernel, the state as the second
-    saved: tuple[Array, ...]  # room for those that differ from lane to lane
+    saved: tuple[Array, ...]  # copies of those that differ between lanes
     y: Array  # the state at the begin of the step
     new: Array  # that at its end
     total: Array  # sums of stage derivatives
@@ -79,11 +79,11 @@ def hold_of(
     driven: int,
     most: int,
 ) -> Hold:
-    """Torques for `run_lanes`: of a law of t, x and what is `given`, or from a table.
+    """Torques for `run_lanes`, of a law or from a table.
 
-    The timing is the sample time and the update of the law's states. Given are pieces of a motion that the law follows,
-    as `Interval.table` of batches, and coefficients, (k,) or (N, k). Rows of delays, work and bounds have shape
-    (N, 3 + 2 n).
+    The timing is the sample time and the update of the law's states. In addition to t and x the law is `given` pieces
+    of a motion that it follows, as `Interval.table` of batches, and coefficients, (k,) or (N, k). Rows of delays, work
+    and bounds have shape (N, 3 + 2 n).
     """
     (pieces, numbers), (count, _, n), entries, widths = given, table.shape, 0, [1, 0]
     common, more = ((numbers,), ()) if numbers.ndim == 1 else ((), (numbers,))
@@ -126,13 +126,9 @@ def put_pieces(tables: Any, inputs: Any, lane: Any) -> None:
     """Write the pieces that hold at the lanes' times, inputs[0], into inputs[2], if there are tables."""
     if tables.ndim == 1:  # known when machine code is made
         return
-    times, piece = inputs[0], inputs[2]
     for k in range(LANES):
-        if not piece[k] <= times[k] < piece[LANES + k]:
-            table = tables[max(lane[MOTION, k], 0) if len(tables) > 1 else 0]
-            row = row_at(table, times[k])
-            for i in range(table.shape[1]):
-                piece[i * LANES + k] = table[row, i] if row >= 0 else math.nan
+        table = tables[max(lane[MOTION, k], 0) if len(tables) > 1 else 0]
+        put_piece(table, inputs[0][k], inputs[2], k, LANES)
 
 
 @inline
@@ -152,13 +148,9 @@ def copy_lane(array: Any, source: Any, k: Any) -> None:
 
 @inline
 def mark_invalid(function: Any, inputs: Any, saved: Any, out: Any, lane: Any, code: Any, asks: Any) -> None:
-    """Evaluate each lane's inputs alone and mark the motions that need the recursion.
-
-    If it `asks`, only those that want the result.
-    """
+    """Evaluate lanes one by one and mark motions that need the recursion; if it `asks`, only those in WANTS."""
     for a in range(len(saved)):
-        for e in range(len(inputs[a])):
-            saved[a][e] = inputs[a][e]
+        put(inputs[a], saved[a])
     for k in range(LANES):
         if lane[MOTION, k] >= 0 and (not asks or lane[WANTS, k]):
             for a in range(len(saved)):
@@ -168,12 +160,11 @@ def mark_invalid(function: Any, inputs: Any, saved: Any, out: Any, lane: Any, co
                 code[lane[MOTION, k]] = NEEDS_RECURSION
                 lane[MOTION, k] = EMPTY
     for a in range(len(saved)):
-        for e in range(len(inputs[a])):
-            inputs[a][e] = saved[a][e]
+        put(saved[a], inputs[a])
 
 
 def rates_of_all(function: Any, sources: Any, F: Any, code: Any, room: Any) -> None:
-    """Write dx/dt of every motion into F, from rows of times, states and perhaps parameters; mark invalid ones."""
+    """Write dx/dt of every motion into F, from rows of times, states and other arguments; mark invalid ones."""
     inputs, saved, lane, out, count = room.inputs, room.saved, room.lane, room.y, len(F)
     for begin in range(0, count, LANES):
         for k in range(LANES):
@@ -242,7 +233,7 @@ def sample_lane(hold: Any, lane: Any, k: Any) -> None:
 
 @inline
 def act_in_lane(hold: Any, times: Any, y: Any, u: Any, lane: Any, now: Any, k: Any, X: Any) -> None:
-    """Let a lane's next command begin to act; it is also that of a time just reported."""
+    """Let a lane's next command begin to act, also in what was just reported at this time."""
     n, time, row, timing = len(u) // LANES, lane[TIME, k] - 1, lane[ACTED, k] % len(hold.pending), hold.own[-1]
     is_reported = time >= 0 and times[time] >= now * (1 - SAME)
     for e in range(k, len(u), LANES):
@@ -304,9 +295,9 @@ def is_endless(interval: Any, lane: Any, k: Any, t: Any, most: Any) -> bool:
 
 @inline
 def choose_lengths(interval: Any, lane: Any, step: Any, h: Any, code: Any, most: Any) -> None:
-    """Choose the end of each lane's step: from the grid, or by the length to be tried; mark too short steps.
+    """Choose the end of each lane's step, from the grid or by the length to try; mark motions with too short ones.
 
-    Where a torque changes within a step of the grid, that is taken in two.
+    A step of the grid within which a torque changes is taken in two.
     """
     for k in range(LANES):
         t, length, motion = step[NOW, k], step[NEXT, k], lane[MOTION, k]
@@ -352,11 +343,9 @@ def take_stages(function: Any, interval: Any, code: Any, room: Any, first: Any) 
         if s == stages:
             for e in range(moved):
                 inputs[1][e] = y[e] + h[e] * inputs[1][moved + e]
-            for e in range(len(y)):
-                new[e] = inputs[1][e]
+            put(inputs[1], new)
         if s == stages - 1:
-            for e in range(len(y)):
-                before[e] = inputs[1][e]
+            put(inputs[1], before)
         if (s < stages or not is_fixed) and not evaluate(function, inputs, K[s]):
             mark_invalid(function, inputs, saved, total, lane, code, False)
             return False
@@ -469,8 +458,8 @@ def move_on(y: Any, new: Any, K: Any, last: Any, extra: Any, end: Any, lane: Any
                 lane[MOTION, k] = EMPTY
         vacant = vacant or lane[MOTION, k] == EMPTY
     if taken == LANES:
-        for e in range(len(y)):
-            y[e], K[0, e] = new[e], K[last, e]
+        put(new, y)
+        put(K[last], K[0])
     else:
         for k in range(LANES):
             for e in range(k, len(y) if lane[TAKEN, k] else 0, LANES):
@@ -484,8 +473,8 @@ def run_all(
     """Integrate every motion from its row of `sources` to the end; states at the times to report into X[time, motion].
 
     F and H have each motion's first derivative and the length to try first; `count` takes evaluations. `go_on` has the
-    motion that waits for a lane and the evaluations after which to return; the result is the next such motion, or
-    EMPTY at the end.
+    first motion that waits for a lane and the evaluations after which to return; returns the next motion that waits,
+    or EMPTY at the end.
     """
     _, _, y, new, _, h, before, K, Q, lane, step, hold = room
     stages, is_fixed, (waiting, left) = len(interval.tableau.B), len(interval.grid) > 0, go_on
@@ -521,9 +510,8 @@ def run_lanes(
 ) -> BatchResult:
     """Integrate from states x, shape (N, size), into X[time, motion], which is NaN where nothing is reported.
 
-    Behind the states X has the torques that are held, if there are some, and their work. Numbers of the run, the
-    kernel's last argument, are (p,) for all or (N, p). Machine code returns to Python after some OPERATIONS, so that
-    Ctrl-C is heard.
+    Held torques, if any, and their work follow the states in X. Numbers of the run, the kernel's last argument, are
+    (p,) for all or (N, p). Machine code returns to Python after about OPERATIONS, so that Ctrl-C works.
     """
     x, N, units = np.ascontiguousarray(x), len(x), max(len(interval.grid) - 1, 1)
     coefficients, widths = np.ascontiguousarray(kernel.coefficients(numbers)), kernel.traced.widths

@@ -1,9 +1,9 @@
 """Loops in machine code around kernels: their compilation, and the functions they may call.
 
 The source of a loop is Python that works on contiguous arrays of float64 or int64, numbers and tuples of these, named
-or not. It allocates nothing, raises nothing, and calls only `evaluate`, functions marked by `inline` and those of
-`math`. Run as it stands it is the same algorithm with functions in place of addresses. Numba translates it once; what
-LLVM makes of that is kept on disk, so that other processes need no Numba.
+or not. It allocates nothing, raises nothing, and calls only `evaluate`, functions marked by `inline` or `by_loops`, and
+those of `math`. Python can run it too, with functions instead of addresses. Numba translates it once; the code that
+LLVM makes of it is kept on disk, so that other processes need no Numba.
 """
 
 from __future__ import annotations
@@ -27,9 +27,7 @@ from ..basics.spatial import Array
 LOGGER = logging.getLogger("rne")
 Text = TypeVar("Text", bound=Callable[..., Any])
 INLINED: list[Callable[..., Any]] = []  # functions called by others, not yet registered with Numba
-REPLACED: list[
-    tuple[Callable[..., Any], Callable[..., Any]]
-] = []  # (function of NumPy, its loops), not yet registered with Numba
+REPLACED: list[tuple[Callable[..., Any], Callable[..., Any]]] = []  # functions of NumPy and their loops, likewise
 TRANSLATING = threading.Lock()
 NO_PIECES: Array = np.zeros(0)  # placeholder for a table of pieces
 OPTIONS: Any = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "no_cpython_wrapper": True}
@@ -71,25 +69,6 @@ def by_loops(loops: Callable[..., Any]) -> Callable[[Text], Text]:
     return mark
 
 
-@inline
-def combine(weights: Any, count: Any, K: Any, total: Any) -> None:
-    """Sum of weights[j] K[j] over j < count."""
-    for i in range(len(total)):
-        total[i] = 0.0
-    for j in range(count):
-        w = weights[j]
-        if w != 0.0:
-            for i in range(len(total)):
-                total[i] += w * K[j, i]
-
-
-@inline
-def copy(values: Any, into: Any) -> None:
-    """Copy a vector into another one."""
-    for i in range(len(into)):
-        into[i] = values[i]
-
-
 class StateUpdate(NamedTuple):
     """Numbers that give a sampled law's states at the next sample: keep z + gain times what the law returned for z."""
 
@@ -127,15 +106,15 @@ def row_at(table: Any, t: Any) -> Any:
 
 
 @inline
-def put_piece(table: Any, t: Any, piece: Any) -> None:
-    """Write the row that holds at a time into `piece`, NaN outside of the table; nothing for NO_PIECES."""
+def put_piece(table: Any, t: Any, piece: Any, k: Any, lanes: Any) -> None:
+    """Write the row that holds at a time into lane k of `piece`, NaN outside of the table; nothing for NO_PIECES."""
     if table.ndim == 1:  # known when machine code is made: no loop without a table looks for one
         return
-    if piece[0] <= t < piece[1]:
+    if piece[k] <= t < piece[lanes + k]:
         return
     row = row_at(table, t)
-    for i in range(len(piece)):
-        piece[i] = table[row, i] if row >= 0 else math.nan
+    for i in range(table.shape[1]):
+        piece[i * lanes + k] = table[row, i] if row >= 0 else math.nan
 
 
 @inline
@@ -143,7 +122,7 @@ def put_time(arguments: Any, interval: Any, t: Any) -> None:
     """Write the time of a stage, clipped to the interval, and the piece of a motion that holds then."""
     time = min(max(t, interval.first), interval.last)
     arguments[0][0] = time
-    put_piece(interval.table, time, arguments[-2])
+    put_piece(interval.table, time, arguments[-2], 0, 1)
 
 
 @functools.cache

@@ -13,8 +13,7 @@ u_qd:
     (c^2 M + c D + K) u_q + Z u_z = M b_qd + (c M + D) b_q,    u_qd = c u_q - b_q
 
 so that M is not inverted and the system has the size of (q, z). The last states e, such as energies, are integrals:
-their rates depend on the others, and neither on e nor on qdd. u_e follows from their derivatives, without a
-system.
+their rates depend on the others, not on e or qdd, and u_e follows from their derivatives without a system.
 """
 
 from __future__ import annotations
@@ -25,7 +24,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from .loops import combine, copy, evaluate, inline, put_time
+from .array_loops import combine, move, put
+from .loops import evaluate, inline, put_time
 from .step_control import Problem, Storage, error_norm, shortest_step, step_factor, until_break
 
 STAGES = 8
@@ -160,9 +160,7 @@ def eliminate(W: Any, G: Any) -> bool:
 def add(weights: Any, count: Any, factor: Any, U: Any, total: Any) -> None:
     """Add the weighted sum of the first rows of U."""
     for j in range(count):
-        weight, u = weights[j] * factor, U[j]
-        for i in range(len(total)):
-            total[i] += weight * u[i]
+        move(total, weights[j] * factor, U[j], total)
 
 
 @inline
@@ -191,11 +189,11 @@ def linearise(problem: Any, slopes: Any, steps: Any, t: Any, y: Any) -> bool:
     rates, state, interval = problem
     qdd, start = slopes[1][2], steps.work.start
     put_time(state, interval, t)
-    copy(y, state[1])
+    put(y, state[1])
     steps.evaluations[0] += 1
     if not evaluate(rates, state, start):
         return False
-    copy(start[len(qdd) :], qdd)
+    put(start[len(qdd) :], qdd)
     steps.evaluations[1] += 1
     return evaluate(slopes[0], slopes[1], steps.work.S)
 
@@ -207,10 +205,10 @@ def solve_stages(problem: Any, steps: Any, n: Any, t: Any, y: Any, h: Any) -> bo
     A, C, alpha, gamma, _, _ = interval.tableau
     S, _, G, b, U, start, f = steps.work
     x, c = state[1], 1.0 / (h * GAMMA)
-    copy(start, f)
+    put(start, f)
     for s in range(STAGES):
         if s > 0:
-            copy(y, x)
+            put(y, x)
             add(A[s], s, 1.0, U, x)
             put_time(state, interval, t + alpha[s] * h)
             steps.evaluations[0] += 1
@@ -218,8 +216,7 @@ def solve_stages(problem: Any, steps: Any, n: Any, t: Any, y: Any, h: Any) -> bo
                 return False
             add(C[s], s, 1.0 / h, U, f)
         solve_stage(S, G, n, c, gamma[s] * h, f, b, U[s])
-    for i in range(len(x)):
-        x[i] += U[STAGES - 1, i]
+    move(x, 1.0, U[STAGES - 1], x)
     return True
 
 
@@ -229,8 +226,8 @@ def take_steps(problem: Any, slopes: Any, steps: Any) -> int:
 
     `slopes` is the function for the Jacobian of the equations of motion and its arguments t, x, qdd and inputs; it
     shares all but qdd and numbers with the right-hand side. The storage has the vectors P of the interpolants,
-    (steps, 3, size), in place of stages, `evaluations[0]` and `[1]` gain those of right-hand side and Jacobian, and
-    `work` is what `workspace` makes.
+    (steps, 3, size), instead of stages; `evaluations[0]` and `[1]` count those of right-hand side and Jacobian, and
+    `work` is from `workspace`.
     """
     interval, x, n = problem.interval, problem.arguments[1], len(slopes[1][2])
     T, X, P, H, _, work = steps
@@ -259,7 +256,7 @@ def take_steps(problem: Any, slopes: Any, steps: Any) -> int:
         longer = h * step_factor(error, EXPONENT)
         H[step + 1] = max(min(h, longer) if rejected else longer, tried if h < tried else 0.0)
         T[step + 1] = reached
-        copy(x, X[step + 1])
+        put(x, X[step + 1])
         for k in range(len(P[step])):
             combine(interval.tableau.interpolant[k], STAGES, work.U, P[step, k])
         if reached >= interval.end:

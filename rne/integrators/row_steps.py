@@ -6,9 +6,9 @@ A state is a row of the batch:
        `size` / L, of the equations  the law's  the command   commands that wait, the oldest
        of motion                     states     that acts     first
 
-`held` is there if the delay is no whole number of intervals, so that it lasts beyond one; d is the whole intervals of
-the delay. In machine code a row whose M needs the recursion, or that is not finite, is marked and left to the caller;
-the result of a row does not depend on the others. By NumPy all rows are computed at once.
+`held` is there if the delay is no whole number of intervals, so that a command acts into the next one; d is the number
+of whole intervals of the delay. In machine code a row whose M needs the recursion, or that is not finite, is marked and
+left to the caller; the result of a row does not depend on the others. By NumPy all rows are computed at once.
 """
 
 from __future__ import annotations
@@ -44,12 +44,11 @@ class RowGroup(NamedTuple):
 
 
 class RowSlopes(NamedTuple):
-    """Derivatives of a scalar by the rows of a group, and by other inputs that differ between rows."""
+    """Derivatives of a scalar by other inputs that differ between rows; those by the rows are in the group's state."""
 
     gradient: Function
     law: Function
     adjoint: Adjoint
-    state: Array
     waiting: Array
     others: Array  # of commands that are given, numbers, bounds and pieces, which the adjoint has views of
 
@@ -147,27 +146,10 @@ def interval(group: Any, rows: Any, u: Any, own: Any, first: Any, last: Any) -> 
     return taken == len(group.schedule.lengths) and is_finite(state)
 
 
-def step_rows(group: Any, rows: Any, u: Any, own: Any, span: Any, out: Any, left: Any) -> int:
-    """Integrate one interval of a span of rows; returns the number of rows, marked, that the caller must compute."""
-    lanes, count, (begin, last), alone = len(group.rates.begins), 0, span, 0
-    while begin < last:
-        end = begin + 1 if alone > 0 else min(begin + lanes, last)
-        if interval(group, rows, u, own, begin, end):
-            give(group.state, begin, end, lanes, out)
-        elif end - begin > 1:
-            alone = end - begin  # one by one, so that no row depends on its neighbours
-            continue
-        else:
-            left[begin] = 1
-            count += 1
-        alone, begin = alone - 1, end
-    return count
-
-
 @inline
 def pull_back_interval(group: Any, slopes: Any, weights: Any, first: Any, last: Any) -> bool:
     """Pull derivatives of weighted rows back through an interval; True if valid and finite."""
-    state, adjoint, lanes = slopes.state, slopes.adjoint, len(group.rates.begins)
+    state, adjoint, lanes = group.state, slopes.adjoint, len(group.rates.begins)
     waiting, x = slopes.waiting, state[: group.size]
     late, held = len(waiting) - adjoint.pending.shape[1], adjoint.held[: group.held]
     take(weights, first, last, lanes, state)
@@ -184,18 +166,26 @@ def pull_back_interval(group: Any, slopes: Any, weights: Any, first: Any, last: 
     return failed == 0 and is_finite(state)
 
 
-def pull_back_rows(
+def step_rows(
     group: Any, slopes: Any, rows: Any, u: Any, own: Any, weights: Any, span: Any, out: Any, others: Any, left: Any
 ) -> int:
-    """Pull derivatives of weighted rows back: by the rows into `out`, by other inputs into `others`."""
+    """Integrate one interval of a span of rows; returns the number of rows, marked, that the caller must compute.
+
+    With `weights` of rows, not an empty vector, derivatives of the weighted rows are pulled back instead: those by the
+    rows into `out`, by other inputs into `others`.
+    """
     lanes, count, (begin, last), alone = len(group.rates.begins), 0, span, 0
     while begin < last:
         end = begin + 1 if alone > 0 else min(begin + lanes, last)
-        if interval(group, rows, u, own, begin, end) and pull_back_interval(group, slopes, weights, begin, end):
-            give(slopes.state, begin, end, lanes, out)
-            give(slopes.others, begin, end, lanes, others)
+        valid = interval(group, rows, u, own, begin, end)
+        if weights.ndim == 2:  # known when machine code is made
+            valid = valid and pull_back_interval(group, slopes, weights, begin, end)
+        if valid:
+            give(group.state, begin, end, lanes, out)
+            if weights.ndim == 2:
+                give(slopes.others, begin, end, lanes, others)
         elif end - begin > 1:
-            alone = end - begin
+            alone = end - begin  # one by one, so that no row depends on its neighbours
             continue
         else:
             left[begin] = 1

@@ -1,9 +1,9 @@
 """Step-size control by error estimates, as functions of loops in machine code and for rows in NumPy.
 
 Norms, factors and first lengths are those of Hairer, Norsett and Wanner 1993, II.4 and II.5, as in `scipy.integrate`.
-The first `counted` components of a state are held to the tolerances. Those behind are integrals, such as energies: the
-tolerance of their error is the relative one of `integral_scale` and their size. So they hold back hardly a step but one
-on which the others are exact.
+The first `counted` components of a state are controlled to the tolerances. The others are integrals, such as energies:
+their errors are relative to `integral_scale` plus their size, so that they hardly shorten a step unless the first ones
+are exact on it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.spatial import Array
-from .loops import NO_PIECES, combine, evaluate, inline, put_time, rows_begun
+from .array_loops import combine, move
+from .loops import NO_PIECES, evaluate, inline, put_time, rows_begun
 
 SAFETY, SMALLEST, LARGEST = 0.9, 0.2, 10.0  # safety, smallest and largest factor between step lengths, as SciPy's
 EPS = float(np.finfo(np.float64).eps)
@@ -78,9 +79,7 @@ def until_break(interval: Any, t: Any) -> Any:
     end, before = interval.end, interval.last
     if passed < len(breaks):
         end, before = breaks[passed, 0], breaks[passed, 1]
-    tableau, _, _, _, _, rtol, atol, counted, longest, scale, times, grid, positions, watched, table, _ = interval
-    part = tableau, t, end, first, before, rtol, atol, counted, longest, scale, times, grid, positions, watched
-    return Interval(*part, table, breaks)
+    return Interval(interval.tableau, t, end, first, before, *interval[5:])
 
 
 @inline
@@ -138,12 +137,10 @@ def first_length(problem: Any, t: Any, x: Any, K: Any) -> float:
     d0, d1 = (d0 / count) ** 0.5, (d1 / count) ** 0.5
     h = min(GUESS if d0 < UNKNOWN or d1 < UNKNOWN else CHANGE * d0 / d1, longest)
     put_time(arguments, interval, t + h)
-    for i in range(len(x)):
-        y[i] = x[i] + h * K[0, i]
+    move(x, h, K[0], y)
     if not evaluate(rates, arguments, K[1]):
         return 0.0
-    for i in range(len(x)):
-        K[1, i] -= K[0, i]
+    move(K[1], -1.0, K[0], K[1, : len(x)])
     d2 = integral_errors(K[1], x, x, interval)
     for i in range(count):
         d2 += (K[1, i] / (atol + rtol * abs(x[i]))) ** 2

@@ -1,6 +1,6 @@
 """Many initial states of one scene simulated at once, in chunks that other threads or processes can take.
 
-A chunk runs side by side, by the rows of NumPy or in the lanes of machine code, or motion by motion as `rne.simulate`.
+A chunk is computed side by side, in rows by NumPy or in lanes by machine code, or motion by motion by `rne.simulate`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import check_function, positive_number, real_array, real_numbers
+from ..basics.arrays import check_function, positive_number, real_array, real_numbers, whole_number
 from ..basics.inertia import PARAMETERS
 from ..basics.numbers import part_of
 from ..basics.piecewise import NO_TABLES, rows_of_tables
@@ -79,13 +79,13 @@ class Ensemble(InNotebooks):
         Time at which each motion ended: the duration, that of its stop, or the last that it reported [s].
     status : ndarray of int, shape (N,)
         0 of motions that reached the duration, 1 of those that ended at a stop, whose values later than that are those
-        at the stop, -1 of those that Ctrl-C ended, with NaN where they have not come.
+        at the stop, -1 of those that Ctrl-C ended, with NaN at times that they did not reach.
     model : Model
         The robot that moved.
     parameters : ndarray, shape (N, 10 nb), or None
         Inertial parameters of the robot of each motion; None if all had the robot's own.
     numbers : mapping of str to ndarray, shape (N, ...)
-        The numbers of the scene that each motion had of its own, by name.
+        Numbers of the scene that differed between motions, by name.
 
     Examples
     --------
@@ -205,13 +205,13 @@ def ensemble(
     t_eval : array_like, shape (S,), optional
         Times to report, ascending within [0, duration]; the start and the end if not given [s].
     parameters : array_like, shape (N, 10 nb), optional
-        The same as numbers={"parameters": ...}: inertial parameters in each motion, in the order of `Robot.parameters`.
-        They contain the payload of the scene, which those of the robot alone leave out without a warning: start from
-        `scene.numbers["parameters"]`. Controllers keep the parameters that they were made with. The bodies need not be
-        possible ones: base parameters that were identified move the arm as it moves, with masses that may be negative,
-        as long as M is positive definite. Of random ones `Robot.with_parameters` refuses the impossible.
+        Inertial parameters in each motion, in the order of `Robot.parameters`, as numbers={"parameters": ...}. They
+        include the payload of the scene: start from `scene.numbers["parameters"]`, not from those of the robot.
+        Controllers keep the parameters that they were made with. Bodies need not be physically possible: identified
+        base parameters give the same motion even with negative masses, as long as M is positive definite;
+        `Robot.with_parameters` raises an error for those of impossible bodies.
     numbers : mapping of str to array_like, shape (N, ...), optional
-        Numbers of the scene that each motion has of its own, by the names of `Scene.numbers`, with one axis more than
+        Numbers of the scene that differ between motions, by the names of `Scene.numbers`, with one axis more than
         there: {"friction.viscous": (N, n), "controller.kp": (N, n)}.
     torque : array_like, shape (N, n) or (N, K, n), optional
         Torques of the drives of each motion, for a robot or a scene without a controller: constant ones, or K of them,
@@ -239,16 +239,16 @@ def ensemble(
     -------
     Ensemble
         The motions at the times to report. The result of a motion does not depend on the others, nor on the executor:
-        each runs with a deep copy of a law that is called. A law that cannot be copied, and a function, must begin anew
-        when it is called with t = 0, if it has memory.
+        each runs with a deep copy of a law that is called. A function, or a law that cannot be copied, must reset its
+        memory, if it has any, when it is called with t = 0.
 
     Raises
     ------
     ValueError
         If an argument has the wrong shape, is not finite or out of range, the scene cannot run by equal steps, has a
-        controller beside `torque`, or one that cannot be sent to the processes of `executor`.
+        controller in addition to `torque`, or one that cannot be sent to the processes of `executor`.
     NotFiniteError, SingularMassMatrixError
-        If a state overflows, steps become too short or M singular; names the initial state by its number, and the time.
+        If a state overflows, steps become too short or M singular; says which initial state, by number, and when.
     SimulationError
         The same of motions that run one after another.
     SimulationInterrupted
@@ -278,26 +278,13 @@ def ensemble(
     further = plan.dynamics.size - 2 * plan.dynamics.n if isinstance(plan, BatchRun) else 0
     dtype = np.float64 if isinstance(plan, BatchRun) and plan.held else q.dtype
     x0 = np.concatenate([q, qd, np.zeros((len(q), further))], axis=1, dtype=dtype)
-    starts = Chunk(x0, own, given)
-    part = run_all(plan, starts, progress, executor)
+    part = run_all(plan, Chunk(x0, own, given), progress, executor)
     if not part.interrupted:
         part.verdict.raise_or_warn(stacklevel=2)
-    motions = Ensemble(
-        times,
-        part.q,
-        part.qd,
-        part.tau,
-        part.energies,
-        plan.dynamics.ledger,
-        ", ".join(part.methods),
-        float(plan.steps.max()) if isinstance(plan, BatchRun) and len(plan.steps) else None,
-        part.evaluations,
-        part.end,
-        part.status,
-        scene.resolved.robot.model,
-        own.get("parameters"),
-        SceneNumbers(own),
-    )
+    longest = float(plan.steps.max()) if isinstance(plan, BatchRun) and len(plan.steps) else None
+    ran = plan.dynamics.ledger, ", ".join(part.methods), longest, part.evaluations, part.end, part.status
+    of = scene.resolved.robot.model, own.get("parameters"), SceneNumbers(own)
+    motions = Ensemble(times, part.q, part.qd, part.tau, part.energies, *ran, *of)
     if part.interrupted:
         text = f"ensemble interrupted: {(part.status >= 0).sum()} of {counted(len(q), 'motion')} finished"
         raise SimulationInterrupted(text, float(part.end.min()), motions)
@@ -307,7 +294,7 @@ def ensemble(
 def _numbers(
     scene: Scene, numbers: Mapping[str, ArrayLike] | None, parameters: ArrayLike | None, count: int
 ) -> tuple[Scene, dict[str, Array]]:
-    """Scene with those of its numbers named that motions replace, and their values, (N, ...) each."""
+    """Scene whose kernels take the numbers that differ between motions, and their values, (N, ...) each."""
     if parameters is not None and numbers is not None and "parameters" in numbers:
         raise ValueError("`parameters` and `numbers['parameters']` are the same: give one of them")
     given = dict(numbers or {})
@@ -339,21 +326,19 @@ def _times(t_eval: ArrayLike | None, keep: int | None, end: float) -> Array:
     """Times to report."""
     if t_eval is not None:
         if keep is not None:
-            raise ValueError("`keep` and `t_eval` both say which times to report: give one of them")
+            raise ValueError("`keep` and `t_eval` are two ways to give the times to report: give one of them")
         return check_times(t_eval, end)
-    count = 2 if keep is None else keep
-    if not isinstance(count, int | np.integer) or count < 2:
-        raise ValueError(f"`keep` must be a whole number, at least 2, got {keep!r}")
+    count = 2 if keep is None else whole_number("keep", keep, least=2)
     return np.linspace(0.0, end, count if end else 1)
 
 
 def _given_torques(
     scene: Scene, torque: ArrayLike | None, sample_time: float | None, count: int, end: float
 ) -> tuple[Array, float | None]:
-    """Torques of motions, (N, K, n), and how long each of the K is held; none for None without any."""
+    """Torques of motions, (N, K, n), and the time for which each of the K is held; K = 0 and None without torques."""
     if torque is None:
         if sample_time is not None:
-            raise ValueError("`sample_time` is that of `torque`, which is not given; a controller's is its scene's")
+            raise ValueError("`sample_time` is for `torque`, which is not given; a controller has that of its scene")
         return np.zeros((count, 0, scene.n)), None
     if scene.controller is not None:
         raise ValueError("`torque` cannot be given for a scene that has a controller")
@@ -363,7 +348,7 @@ def _given_torques(
         return found[:, None], end
     period, K = positive_number("sample_time", sample_time), found.shape[1]
     if abs(K * period - end) > (1 - NEARLY) * end:
-        raise ValueError(f"`torque` of {K} samples every {period:g} s takes {K * period:g} s, not the {end:g} s to go")
+        raise ValueError(f"`torque` of {K} samples every {period:g} s lasts {K * period:g} s, the motion {end:g} s")
     return found, period
 
 
@@ -475,14 +460,9 @@ class BatchRun:
     method: str
     dynamics: SceneDynamics
     times: Array  # (S,), to report
-    intervals: Sequence[Interval]  # the parts of the time between which torques jump
+    intervals: Sequence[Interval]  # parts of the time, between which torques jump
     fallback: SequentialRun  # for motions that turn out to be stiff, and those with held torques that lanes leave
-    held: Callable[[Mapping[str, Array], Array], Hold] | None = None  # torques of a chunk that are, in lanes
-
-    def _tables(self, own: Mapping[str, Array]) -> Array:
-        """Pieces of the motion that a law follows, one table for all or one for each; see `TracedLaw.tables`."""
-        law = self.dynamics.law
-        return NO_TABLES if law is None else law.tables(part_of(own, "controller."))
+    held: Callable[[Mapping[str, Array], Array], Hold] | None = None  # held torques of a chunk, in lanes
 
     @property
     def steps(self) -> Array:
@@ -501,11 +481,8 @@ class BatchRun:
     def run(self, chunk: Chunk, advance: Progress) -> Motions:
         """The motions of a chunk."""
         x, evaluations, verdict, is_done = chunk.x, 0, OK, True
-        own = (
-            self.dynamics.vectors(numbers_of_dynamics(self.fallback.scene, chunk.numbers))
-            if chunk.numbers
-            else self.dynamics.vector
-        )
+        own, law = self.dynamics.vectors(numbers_of_dynamics(self.fallback.scene, chunk.numbers)), self.dynamics.law
+        tables = NO_TABLES if law is None else law.tables(part_of(chunk.numbers, "controller."))
         places, stiff = chunk.first + np.arange(len(x)), np.zeros(len(x), dtype=bool)
         run: Callable[..., BatchResult] = run_batch if self.held is None else run_lanes
         last = places if self.held is None else self.held(chunk.numbers, chunk.torque)
@@ -513,7 +490,7 @@ class BatchRun:
         x, size = np.pad(x, [(0, 0), (0, further)]), x.shape[1]
         states = np.full((len(self.times), *x.shape), np.nan, x.dtype)
         reported = int(0.0 in self.times and 0.0 not in self.intervals[0].t_eval)
-        states[:reported], tables = x, self._tables(chunk.numbers)
+        states[:reported] = x
         for interval in self.intervals:
             is_last = interval is self.intervals[-1]
             X = np.full((len(interval.t_eval), *x.shape), np.nan, x.dtype)
@@ -578,11 +555,9 @@ class SequentialRun:
         """Largest number of shares: one per motion."""
         return size
 
-    def run(self, chunk: Chunk, advance: Progress) -> Motions:
-        """The motions of a chunk."""
-        return self._motions(chunk, range(len(chunk.x)), advance)
-
-    def _motions(self, chunk: Chunk, rows: Sequence[int], advance: Progress) -> Motions:
+    def run(self, chunk: Chunk, advance: Progress, some: Sequence[int] | None = None) -> Motions:
+        """The motions of a chunk, or some of them."""
+        rows = range(len(chunk.x)) if some is None else some
         parts, interrupted = [self.nothing(0)], False
         try:
             for k in rows:
@@ -603,14 +578,13 @@ class SequentialRun:
 
     def replaced(self, part: Motions, chunk: Chunk, rows: Array, advance: Progress) -> Motions:
         """Copy of a part with some motions computed again."""
-        others = self._motions(chunk, rows.tolist(), lambda _: advance(0))
+        others = self.run(chunk, lambda _: advance(0), rows.tolist())
         for name in ("q", "qd", "tau", "energies"):
             getattr(part, name)[:, rows] = getattr(others, name)
         part.end[rows], part.status[rows] = others.end, others.status
-        part = part._replace(interrupted=others.interrupted)
-        methods = part.methods if len(rows) < len(chunk.x) else ()
-        evaluations = part.evaluations + others.evaluations
-        return part._replace(methods=tuple(sorted({*methods, *others.methods})), evaluations=evaluations)
+        methods = {*others.methods, *(part.methods if len(rows) < len(chunk.x) else ())}
+        found = part._replace(methods=tuple(sorted(methods)), evaluations=part.evaluations + others.evaluations)
+        return found._replace(interrupted=others.interrupted)
 
     def _motion(self, chunk: Chunk, k: int, progress: Callable[..., Any]) -> Motions:
         x, number = chunk.x[k].astype(np.float64), chunk.first + k

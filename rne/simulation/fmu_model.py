@@ -16,10 +16,8 @@ from numpy.typing import ArrayLike
 from ..basics.spatial import Array
 from ..basics.text import UNITS as OF_JOINTS
 from ..control.law_numbers import law_breaks
-from ..control.sampled_loop import in_periods
 from ..control.traced_law import TracedLaw
 from ..dynamics.quantity import MethodQuantity
-from ..integrators.loops import StateUpdate
 from ..integrators.tableaus import tableau
 from ..kernels.exports.fmu import TOLERANCE, MockupUnit, Variable
 from ..kernels.kernel import Kernel, with_table
@@ -28,6 +26,7 @@ from ..kernels.units import Unit as Text
 from ..kernels.units import unit
 from ..model.topology import end_link
 from .events import Stop, check_within_stops, stops
+from .frozen_motion import FrozenScene
 from .named_numbers import NamedNumbers, plain_name
 from .scene_numbers import UNITS, unbounded
 
@@ -38,6 +37,7 @@ NO_FUNCTION = "no function of time and state"
 CALLS = {"RATES": ("t, x, m, result", "rates"), "LAW": ("t, x, m, result", "law")}
 CALLS |= {"GRADIENT": ("t, x, m, weights, result", "gradient"), "MOTORS": ("q, m, result", "motors")}
 PARAMETER, FIXED = ("parameter", "tunable"), ("parameter", "fixed")
+OF_PAYLOAD = {"payload.mass": "kg", "payload.com": "m", "payload.inertia": "kg m^2"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class SceneUnit:
 
     @cached_property
     def scene(self) -> Any:
-        """The scene, with a payload where one is a parameter; a ValueError names what a unit cannot have."""
+        """The scene, with a payload if one is a parameter; a ValueError for what a unit cannot have."""
         scene, is_sampled = self.given, self.given.sample_time is not None
         sampled = ("controller", "sample_time", "delay", "torque_rate") if is_sampled else ()
         without: dict[str, Any] = dict.fromkeys(sampled)
@@ -97,15 +97,9 @@ class SceneUnit:
         return None if self.scene.sample_time is None else self.named.law
 
     @cached_property
-    def delay(self) -> tuple[float, float]:
-        """Delay of commands after their samples: whole periods, and the remainder."""
-        return in_periods(float(self.scene.delay or 0.0), float(self.scene.sample_time or 1.0))
-
-    @property
-    def update(self) -> StateUpdate:
-        """Update rule of a sampled law's states from sample to sample."""
-        is_discrete = self.law is not None and self.law.discrete
-        return StateUpdate.of(float(self.scene.sample_time or 0.0), discrete=is_discrete)
+    def timing(self) -> FrozenScene:
+        """Delay of commands after their samples, and update rule of the law's states from sample to sample."""
+        return FrozenScene(self.scene)
 
     @cached_property
     def stops(self) -> list[Stop]:
@@ -181,7 +175,7 @@ class SceneUnit:
         found = {first["X"] + k: {first["X"] + k} for k in range(size)}
         found |= {first["DX"] + k: places for k, places in enumerate(self.reached("rates", first))}
         if law is not None:  # torques that are held until they are sampled again
-            held: list[set[int]] = [set()] * law.n if any(self.delay) else self.reached("law", first)[: law.n]
+            held: list[set[int]] = [set()] * law.n if any(self.timing.delay) else self.reached("law", first)[: law.n]
             torques = {first["U"] + k: places for k, places in enumerate(held)}
             found = {k: set().union(*(torques.get(i, {i}) for i in places)) for k, places in found.items()} | torques
         q0, qd0 = (range(first[key], first[key] + len(blocks[key])) for key in ("Q0", "QD0"))
@@ -210,12 +204,8 @@ class SceneUnit:
 
     def moving(self) -> tuple[list[Variable], dict[str, list[Variable]]]:
         """Positions and velocities, and blocks of their initial values."""
-        robot, n, states, starts = (
-            self.scene.resolved.robot,
-            self.scene.n,
-            list[Variable](),
-            dict[str, list[Variable]](),
-        )
+        robot, n = self.scene.resolved.robot, self.scene.n
+        states, starts = list[Variable](), dict[str, list[Variable]]()
         limits = {"q": (robot.lower, robot.upper), "qd": (-robot.velocity_limit, robot.velocity_limit)}
         for (key, ends), what, given in zip(limits.items(), ("position", "velocity"), self.starts, strict=True):
             starts[f"{key.upper()}0"] = own = []
@@ -254,11 +244,7 @@ class SceneUnit:
             x, own = self.named.known[key], UNITS.get(key, "N m or N" if key.startswith("friction.") else "")
             if key == "payload":
                 mass, com, inertia = np.split(self.named.value(key), [1, 4])
-                rows += [
-                    ("payload.mass", mass[0], "kg"),
-                    ("payload.com", com, "m"),
-                    ("payload.inertia", inertia, "kg m^2"),
-                ]
+                rows += zip(OF_PAYLOAD, (mass[0], com, inertia), OF_PAYLOAD.values(), strict=True)
             else:
                 rows += [(key, x, "rad or m" if key == REFERENCE else own)]
         for key, x, text in rows:
@@ -281,14 +267,14 @@ class SceneUnit:
         scene, dynamics, law, blocks = self.scene, self.named.equations, self.law, self.blocks()
         first = dict(zip([*blocks, "NV"], [0, *accumulate(map(len, blocks.values()))], strict=True))
         model, method, limit = scene.resolved.robot.model, tableau("DOP853"), scene.resolved.effort_limit
-        (late, rest), period = self.delay, float(scene.sample_time or 1.0)
+        (late, rest), update, period = self.timing.delay, self.timing.update, float(scene.sample_time or 1.0)
         breaks = law_breaks(scene.controller) if law is None else []
         sizes = {**first, "S": dynamics.size, "N": scene.n, "C": dynamics.n, "K": first["DX"] - first["X"]}
         sizes |= {"R": first["Z"] - first["DX"], "M": law.states if law else 0, "SAMPLED": int(law is not None)}
         sizes |= {"INPUTS": first["P" if law else "U"], "LATE": int(late), "QUEUE": int(late) + 2}
         sizes |= {"BREAKS": len(breaks), "STAGES": len(method.B)}
         macros: dict[str, Any] = {"PERIOD": period, "REST": rest, "SLACK": SLACK * period * bool(law)}
-        macros |= {"KEEP": self.update.keep, "GAIN": self.update.gain}
+        macros |= {"KEEP": update.keep, "GAIN": update.gain}
         given = {"t": "t", "x": "x", "weights": "weights", "q": "q", "piece": "arm_rates_piece(*(t))"}
         given |= {key: f"(m)->v + {k}" for key, k in self.places(first).items() if key not in given}
         for macro, (arguments, name) in CALLS.items():

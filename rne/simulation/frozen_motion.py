@@ -1,7 +1,7 @@
 """A scene for discrete adjoints and sensitivities: equations of motion, a sampled law, a schedule of frozen steps.
 
-What motions are made of are flat arrays: the state, numbers of the equations and of the law as their kernels take them,
-bounds of commands, pieces of a reference through samples. A number of the scene is a linear function of some of these.
+A motion is computed from flat arrays: the state, numbers of the equations and of the law as their kernels take them,
+bounds of commands, pieces of a reference through samples. These are linear functions of the numbers of the scene.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import real_numbers
-from ..basics.inertia import PARAMETERS
 from ..basics.numbers import part_of
 from ..basics.piecewise import NO_TABLES, numbers_at, rows_of_tables
 from ..basics.spatial import Array
@@ -30,36 +29,33 @@ from ..integrators.loops import StateUpdate, compiled
 from ..integrators.step_control import NEARLY, aligned, equal_steps
 from ..integrators.tableaus import EXPLICIT, Tableau, scipy_class, tableau
 from ..kernels.kernel import Kernel
-from ..model.parameters import at_parameters
 from .run import RunResult
 from .scene import Scene
-from .scene_dynamics import Bodies, SceneDynamics, UserFunction
-from .scene_numbers import BODIES, bodies_as_numbers, numbers_of_dynamics, unknown
+from .scene_dynamics import SceneDynamics, UserFunction
+from .scene_numbers import BODIES, bodies_as_numbers, numbers_of_dynamics, unknown, with_inputs
 from .simulator import simulate
 
 STARTS = ("q0", "qd0")
 FIXED = "rk4"  # method of equal steps
 STICKS = "dry `friction` sticks and slips by events: give it a `smoothing` above 0"
 EXAMINED, LOOSE = 8, 3.0  # number of the longest steps examined; largest step length relative to the modes' need
-SHORTER, GROWTH = (
-    0.95 ** np.arange(100),
-    1.02,
-)  # fractions of a step that are tried; largest growth of derivatives per step
+SHORTER = 0.95 ** np.arange(100)  # fractions of a step that are tried
+GROWTH = 1.02  # largest growth of derivatives per step
 MOST_AT_ONCE = 20_000  # most steps times motions per call of machine code, between which Ctrl-C is handled
 Own = Mapping[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
 class FrozenScene:
-    """Scene for steps that do not depend on its state; the last state is the cost, if there is one.
+    """Scene for steps whose lengths do not depend on its state; the last state is the cost, if there is one.
 
-    `names` are the numbers that differ from motion to motion or by which is differentiated.
+    `names` are numbers that differ between motions, or with respect to which these are differentiated.
     """
 
     given: Scene
     names: tuple[str, ...] = ()
     cost: Callable[..., Any] | None = None
-    is_driven: bool = False  # True if torques are given, in place of a law
+    is_driven: bool = False  # True if torques are given instead of a law
     damped_over: float = 0.0
     follows_limits: bool = False  # True if control of errors follows laws whose drives are at a limit
 
@@ -79,11 +75,8 @@ class FrozenScene:
                 raise ValueError(f"steps end at {name!r}: it can be neither in `wrt` nor differ from motion to motion")
             if name not in known:
                 raise ValueError(f"`wrt`: beside 'q0' and 'qd0' {unknown(name, known)}")
-        varying = None
-        if "parameters" in asked:  # all moments that bodies can have
-            model = self.given.resolved.robot.model
-            varying = Bodies.mask(at_parameters(model, np.sqrt(np.arange(2.0, 2.0 + PARAMETERS * model.nb))))
-        return self.given.naming({}, asked, varying)
+        found: Scene = with_inputs(self.given, asked)
+        return found
 
     @cached_property
     def law(self) -> TracedLaw | None:
@@ -110,7 +103,7 @@ class FrozenScene:
 
     @cached_property
     def dynamics(self) -> SceneDynamics:
-        """Equations without energies; a ValueError names what has no derivative."""
+        """Equations without energies; a ValueError for what has no derivative."""
         if self.refused:
             raise ValueError(f"the motion cannot be differentiated: {self.refused}")
         found = self.scene.dynamics_under("held") if self.is_driven else self._as_given
@@ -167,13 +160,11 @@ class FrozenScene:
 
     @cached_property
     def gradient(self) -> Kernel:
-        """Gradient of dx/dt by the state, commands, and named pieces and numbers."""
+        """Gradient of dx/dt with respect to the state, commands, and pieces and numbers if asked for."""
         return self.scene.kernels.scene_gradient(self.dynamics.right_hand_side, *self._wrt(self.kernel))
 
     def _wrt(self, kernel: Kernel) -> tuple[str, ...]:
-        law = self.law or self.dynamics.law
-        is_sampled = law is not None and law.motion is not None and f"controller.{law.motion[0]}" in self.names
-        asked = {"piece": is_sampled, "numbers": bool({*self.names} - {*STARTS})}
+        asked = {"piece": any(map(self.samples_of, self.names)), "numbers": bool({*self.names} - {*STARTS})}
         return tuple(name for name in kernel.names[1:] if asked.get(name, True))
 
     @cached_property
@@ -183,7 +174,7 @@ class FrozenScene:
 
     @cached_property
     def law_gradient(self) -> Kernel | None:
-        """Gradient of the sampled law by the state, and named pieces and numbers."""
+        """Gradient of the sampled law with respect to the state, and pieces and numbers if asked for."""
         if self.law is None or self.law_kernel is None:
             return None
         return self.scene.kernels.scene_gradient(self.law.outputs, *self._wrt(self.law_kernel))
@@ -215,7 +206,7 @@ class FrozenScene:
     def start_slopes(self, numbers: Array, q0: Array, qd0: Array) -> tuple[Array, Array, Array]:
         """Derivatives of the start by q0, (L, size, k), by qd0, and by the numbers of the equations, (L, size, p).
 
-        Links alone that are given move the motors behind elastic joints, which hold them at rest.
+        Where only links are given, the start of the motors of elastic joints, which hold them at rest, depends on them.
         """
         dynamics, L, n = self.dynamics, len(q0), self.dynamics.n
         found = [np.zeros((L, dynamics.size, k)) for k in (q0.shape[1], qd0.shape[1], len(dynamics.vector))]
@@ -229,19 +220,23 @@ class FrozenScene:
             found[0][:, k:n], found[2][:, k:n] = of_motors[..., :k], of_motors[..., k:]
         return found[0], found[1], found[2]
 
+    @cached_property
+    def _motion(self) -> tuple[str, Any]:
+        """Name of the number that holds the samples of a motion followed by a law, and the motion; or no name."""
+        law = self.law or self.dynamics.law
+        return ("", None) if law is None or law.motion is None else (f"controller.{law.motion[0]}", law.motion[1])
+
     def samples_of(self, name: str) -> bool:
         """True for the number that holds the samples of a motion followed by a law."""
-        law = self.law or self.dynamics.law
-        return law is not None and law.motion is not None and name == f"controller.{law.motion[0]}"
+        return name == self._motion[0]
 
     @cached_property
     def by_samples(self) -> Array:
-        """Derivatives of pieces by the samples of one joint, (pieces, coefficients, K), if a law follows samples."""
-        law = self.law or self.dynamics.law
-        if law is None or law.motion is None:
-            return np.zeros((0, 0, 0))
-        K = len(law.motion[1].samples)
-        return np.asarray(law.motion[1].with_samples(np.eye(K)).table[:, 2:].reshape(len(law.table), -1, K))
+        """Derivatives of the pieces of a motion that a law follows by the samples of one joint, (pieces, k, K)."""
+        motion = self._motion[1]
+        K = len(motion.samples)
+        pieces = motion.with_samples(np.eye(K)).table[:, 2:]
+        return np.asarray(pieces.reshape(len(pieces), -1, K))
 
     def by_names(
         self, wrt: Sequence[str], group: SideBySide, adjoint: Adjoint, starts: tuple[Array, Array]
@@ -299,21 +294,6 @@ def constant_torques(scene: Scene, torque: ArrayLike | None, count: int) -> Arra
     return np.broadcast_to(given, (count, scene.n))
 
 
-def scene_function(
-    kernel: Kernel | None, entries: int, numbers: Array, count: int, tables: Array, *, by_machine: bool
-) -> Function:
-    """Kernel for `count` motions side by side, under common numbers (p,) or one row each (count, p)."""
-    if kernel is None:
-        return Function(0, (np.zeros(0),) * 4, np.zeros(0), NO_TABLES, 0, np.zeros(0))
-    at, is_common = kernel.names.index("numbers"), numbers.ndim == 1
-    inputs = [np.zeros(width * count) for width in kernel.widths]
-    given = kernel.coefficients(numbers) if by_machine else numbers
-    inputs[at] = np.array(given.T, order="C").reshape(-1)  # not read-only: it may be in the place of no commands
-    call: Any = kernel.address(count, common=is_common) if by_machine else by_numpy(kernel, at, count, is_common)
-    out, begins = np.zeros(entries * count), np.zeros(count)
-    return Function(call, tuple(inputs), out, np.ascontiguousarray(tables), at - 1, begins)
-
-
 def by_numpy(kernel: Kernel, at: int, count: int, is_common: bool) -> Callable[..., bool]:
     """Kernel as a function of flat arrays, for loops run by NumPy; argument `at` is the numbers."""
 
@@ -336,7 +316,7 @@ def by_numpy(kernel: Kernel, at: int, count: int, is_common: bool) -> Callable[.
 
 
 def unpacked(masks: Mapping[str, Array], vector: Array, count: int) -> dict[str, Array]:
-    """Derivatives by whole numbers, (L, ...), from those by their input entries; zero for the others."""
+    """Derivatives by whole numbers, (L, ...), from those by the entries that are inputs; zero for the others."""
     if not len(vector):  # they were not asked for
         return {}
     rows, first, found = vector.reshape(-1, count).T, 0, dict[str, Array]()
@@ -354,7 +334,7 @@ class SideBySide:
     ----------
     frozen : FrozenScene
     own : mapping of str to ndarray, shape (L, ...)
-        Numbers of the scene that each motion has of its own.
+        Numbers of the scene that differ between motions.
     count : int
         L.
     by_machine : bool
@@ -364,38 +344,38 @@ class SideBySide:
     def __init__(self, frozen: FrozenScene, own: Own, count: int, *, by_machine: bool) -> None:
         self.frozen, self.own, self.count, self.by_machine = frozen, own, count, by_machine
         dynamics, law = frozen.dynamics, frozen.law
-        of_dynamics, of_law = numbers_of_dynamics(frozen.scene, own), part_of(own, "controller.")
-        self.numbers = dynamics.vectors(of_dynamics) if of_dynamics else dynamics.vector
+        of_law = part_of(own, "controller.")
+        self.numbers = dynamics.vectors(numbers_of_dynamics(frozen.scene, own))
         self.tables = NO_TABLES if dynamics.law is None else dynamics.law.tables(of_law)
         self.law_numbers, self.law_tables = np.zeros(0), NO_TABLES
         if law is not None:
-            self.law_numbers = law.vectors(of_law) if of_law else law.vector
-            self.law_tables = law.tables(of_law)
+            self.law_numbers, self.law_tables = law.vectors(of_law), law.tables(of_law)
         self.size, self.n, self.m = dynamics.size, frozen.commanded, 0 if law is None else law.states
         self.limits = np.full((2, self.n * count), np.inf)
         for k, (name, factor) in enumerate((("effort_limit", 1.0), ("torque_rate", frozen.period))):
             limit = own.get(name, frozen.numbers.get(name))
             if limit is not None and law is not None:
                 self.limits[k] = flat(np.broadcast_to(limit * factor, (count, self.n)))
-        self.holding = self._holding()
-
-    def _holding(self) -> Holding:
-        rows = int(self.frozen.delay[0]) + 1
-        return Holding(
-            self.frozen.update,
-            self.limits,
-            np.zeros((rows, self.n * self.count)),
-            np.zeros((2, self.m * self.count)),
-            np.zeros(2, np.int64),
-        )
+        pending, states = np.zeros((int(frozen.delay[0]) + 1, self.n * count)), np.zeros((2, self.m * count))
+        self.holding = Holding(frozen.update, self.limits, pending, states, np.zeros(2, np.int64))
 
     def function(self, kernel: Kernel | None, *, of_law: bool = False) -> Function:
-        """Kernel of the equations or of the law."""
-        numbers, tables = (self.law_numbers, self.law_tables) if of_law else (self.numbers, self.tables)
+        """Kernel of the equations or of the law, under common numbers (p,) or those of each motion (L, p)."""
+        if kernel is None:
+            return Function(0, (np.zeros(0),) * 4, np.zeros(0), NO_TABLES, 0, np.zeros(0))
+        L, numbers, tables = self.count, self.numbers, self.tables
+        if of_law:
+            numbers, tables = self.law_numbers, self.law_tables
         entries = self.n + self.m if of_law else self.size
-        if kernel is not None and kernel.wrt:
+        if kernel.wrt:
             entries = sum(kernel.widths[kernel.names.index(name)] for name in kernel.wrt)
-        return scene_function(kernel, entries, numbers, self.count, tables, by_machine=self.by_machine)
+        at, is_common = kernel.names.index("numbers"), numbers.ndim == 1
+        inputs = [np.zeros(width * L) for width in kernel.widths]
+        given = kernel.coefficients(numbers) if self.by_machine else numbers
+        inputs[at] = np.array(given.T, order="C").reshape(-1)  # not read-only: it may be in the place of no commands
+        call: Any = kernel.address(L, common=is_common) if self.by_machine else by_numpy(kernel, at, L, is_common)
+        tables = np.ascontiguousarray(tables)
+        return Function(call, tuple(inputs), np.zeros(entries * L), tables, at - 1, np.zeros(L))
 
     def check_within_samples(self, first: float, last: float, sampled: float) -> None:
         """Raise a ValueError if times of the equations or of a sampled law are outside of its motion's samples."""
@@ -405,13 +385,8 @@ class SideBySide:
 
     def kept(self, steps: int, stages: int) -> Kept:
         """Storage for a number of steps."""
-        n, m = self.n * self.count, self.m * self.count
-        return Kept(
-            np.empty((steps, stages, self.size * self.count)),
-            np.empty((steps, n)),
-            np.zeros((steps, m)),
-            np.zeros((steps, n)),
-        )
+        size, n, m = (k * self.count for k in (self.size, self.n, self.m))
+        return Kept(np.empty((steps, stages, size)), np.empty((steps, n)), np.zeros((steps, m)), np.zeros((steps, n)))
 
     @cached_property
     def rates(self) -> Function:
@@ -486,10 +461,10 @@ def steps_taken(
 def divided_steps(frozen: FrozenScene, own: Own, run: RunResult, ends: Array, *, if_growing: bool) -> Array:
     """Ends of a run's steps, with those too long for the fastest mode divided.
 
-    Where nothing moves, the control of errors sees no need of any step, but derivatives do. A step h resolves a mode of
-    rate r if the remainder of Taylor's series, (h r)^(p + 1) / (p + 1)!, is at most the relative tolerance. To be
-    replaced only `if_growing`, it must be beyond the stability of the method, where derivatives grow from step to step.
-    Numbers that the motion has of its `own` have shapes (1, ...).
+    Where nothing moves, the control of errors allows any step, but derivatives do not. A step h resolves a mode of
+    rate r if the remainder of Taylor's series, (h r)^(p + 1) / (p + 1)!, is at most the relative tolerance. With
+    `if_growing` only steps for which the method is unstable, so that derivatives grow from step to step, are divided.
+    The motion's `own` numbers have shapes (1, ...).
     """
     t, x, dynamics, order = run.reported.t, run.reported.x, frozen.dynamics, int(scipy_class(run.method).order)
     k, group = np.argsort(np.diff(t))[-EXAMINED:], SideBySide(frozen, own, 1, by_machine=False)

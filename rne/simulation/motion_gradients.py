@@ -41,7 +41,7 @@ from .simulator import METHODS, scene_argument, tolerances
 
 
 class MotionGradient(NamedTuple):
-    """The cost of a motion and its gradient by name, of a batch of N motions with an axis of N in front.
+    """The cost of a motion and its gradient by name; of a batch of N motions with a leading axis of N.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class MotionGradient(NamedTuple):
 
 
 class Segment(NamedTuple):
-    """Steps whose values are stored together, and copies of the state, command and holding at their start."""
+    """Range of steps whose values are stored together, and copies of the state, command and holding at its start."""
 
     first: int
     end: int
@@ -96,7 +96,7 @@ class _Backwards:
 
     def _advance(self, x: Array, segment: Segment, kept: Kept) -> bool:
         for first, end in self._parts(segment):
-            here = Kept(*(array[first - segment.first : end - segment.first] for array in kept))
+            here = kept.part(first - segment.first, end - segment.first)
             if not self.group.advance(self.schedule.part(first, end), x, here):
                 return False
             self.tell(end - first)
@@ -117,8 +117,7 @@ class _Backwards:
                 if not self._advance(segment.x.copy(), segment, self.kept):
                     return None
             for first, end in reversed(self._parts(segment)):
-                kept = Kept(*(array[first - segment.first : end - segment.first] for array in self.kept))
-                part = self.schedule.part(first, end)
+                kept, part = self.kept.part(first - segment.first, end - segment.first), self.schedule.part(first, end)
                 arrivals = np.empty((end - first if by_delay else 0, len(adjoint.x)))
                 if not self.group.pull_back(part, kept, adjoint._replace(arrivals=arrivals)):
                     return None
@@ -134,9 +133,8 @@ class _Backwards:
         k, held = np.flatnonzero(part.acting), np.concatenate([before[None], kept.held])
         if not len(k):
             return np.zeros(L)
-        x, old, new, slopes = (
-            a.reshape(len(k), -1, L).transpose(0, 2, 1) for a in (kept.stages[k, 0], held[k], held[k + 1], arrivals[k])
-        )
+        given = kept.stages[k, 0], held[k], held[k + 1], arrivals[k]
+        x, old, new, slopes = (a.reshape(len(k), -1, L).transpose(0, 2, 1) for a in given)
         t = np.broadcast_to(part.times[k, 0][:, None, None], (len(k), L, 1))
         rates = [group.frozen.kernel(t, x, u, group.numbers) for u in (old, new)]
         return np.asarray((slopes * (rates[0] - rates[1])).sum(axis=(0, 2)))
@@ -180,7 +178,7 @@ class _Told:
         self.progress, self.done, self.total, self.count = progress, 0, 0, 0
 
     def begin(self, total: int, count: int) -> None:
-        """Begin a number of motions; all motions have at least `total` steps."""
+        """Begin a group of `count` motions; all motions have at least `total` steps."""
         self.total, self.count = max(self.total, total), count
 
     def tell(self, steps: int) -> None:
@@ -297,9 +295,9 @@ def motion_gradient(
 ) -> MotionGradient:
     """The gradient of a cost of a motion, integrated over time and of its end, by the discrete adjoint.
 
-    J = integral of cost(t, q, qd, tau) dt + final(q, qd), by the start and by numbers of the scene. The gradient is
-    exact for J as it was computed, up to rounding: step sizes are constants, and the states of all stages are kept. It
-    takes the time of 3 to 6 motions, however many numbers there are.
+    J = integral of cost(t, q, qd, tau) dt + final(q, qd), with respect to the start and to numbers of the scene. The
+    gradient is exact for J as it was computed, up to rounding: step sizes are constants, and the states of all stages
+    are kept. It takes the time of 3 to 6 motions, however many numbers there are.
 
     Parameters
     ----------
@@ -313,7 +311,7 @@ def motion_gradient(
     cost : callable, optional
         A function cost(t, q, qd, tau) -> number of one state, arrays of shape (n,), integrated over the motion, that
         can be traced: of arithmetic and the functions of `rne.elementwise`, without branches on values. `tau` are the
-        drives' torques within their limits. One of other operations is traced anew.
+        drives' torques within their limits. A function with other operations is traced anew.
     final : callable, optional
         A function final(q, qd) -> number of the state at the end, likewise.
     wrt : str or sequence of str
@@ -321,17 +319,17 @@ def motion_gradient(
     torque : array_like, shape (n,) or (N, n), optional
         Constant torques of the drives, for a robot or a scene without a controller [N m or N].
     numbers : mapping of str to array_like, optional
-        Numbers of the scene in place of its own; of N motions each has its own, shape (N, ...), or all the same ones.
+        Numbers of the scene instead of its own; of N motions each has its own, shape (N, ...), or all the same ones.
     method : str
         "rk4" with `step`; without it Tsit5, RK45, RK23 or DOP853 with step control. "auto" is rk4, Tsit5 between
-        samples and DOP853. Stiff motions take many steps, which an `armature` or a larger `smoothing` of friction
-        makes longer; `rne.sensitivities` takes implicit methods.
+        samples and DOP853. Stiff motions take many steps; an `armature` or a larger `smoothing` of friction makes
+        these longer, and `rne.sensitivities` takes implicit methods.
     step : float, optional
         The longest of equal steps, which end at samples and where commands begin to act [s].
     rtol, atol : float
         Relative and absolute tolerance of steps that are controlled.
     memory : int
-        Bytes for the states of stages; beyond them come checkpoints, which cost the motion once more.
+        Bytes for the states of stages. Where these need more, checkpoints are stored and the motion is computed twice.
     progress : callable, optional
         A function progress(done, total), called with numbers of steps, forwards and backwards, of all motions.
 
@@ -348,7 +346,7 @@ def motion_gradient(
     TypeError
         If `cost` or `final` branch on values or are no functions of these arguments, or an argument is of another type.
     NotFiniteError, SingularMassMatrixError
-        If a state overflows or M becomes singular; names the motion and the time.
+        If a state overflows or M becomes singular; says which motion, and when.
     SimulationError
         The same of steps that are controlled.
 
@@ -356,9 +354,9 @@ def motion_gradient(
     -----
     Engine "numba" takes 50 to 300 times less time than NumPy; the first call on a machine compiles for some seconds.
     Where torques reach a limit, and of kinks of friction and laws, derivatives are those of the side on which a stage
-    is. By "delay" it is the jump of dx/dt where a command begins to act, that of a longer one where both sides differ.
-    Numbers that are infinite have derivative 0. Step control sees nothing of what numbers would do that are 0, such as
-    friction that is not there: for derivatives by them give `step`.
+    is. With respect to "delay" it is the jump of dx/dt where a command begins to act, for delays that grow.
+    Derivatives by infinite numbers are 0. Step control does not see the effect of numbers that are 0, such as friction
+    that is not there: for derivatives by them give `step`.
     Sandu 2006, On the properties of Runge-Kutta discrete adjoints, equation 4; Griewank and Walther 2008, chapter 3.
 
     Examples
@@ -391,13 +389,13 @@ def motion_gradient(
 
 
 def _check_functions(cost: Any, final: Any, progress: Any) -> None:
-    """Raise an error if a cost is no function, or there is nothing to differentiate."""
-    functions = (
-        ("cost", cost, "(t, q, qd, tau)"),
-        ("final", final, "(q, qd)"),
-        ("progress", progress, "(done, total)"),
-    )
-    for name, function, arguments in functions:
+    """Raise an error if one of them is no function, or there is nothing to differentiate."""
+    functions = {
+        "cost": (cost, "(t, q, qd, tau)"),
+        "final": (final, "(q, qd)"),
+        "progress": (progress, "(done, total)"),
+    }
+    for name, (function, arguments) in functions.items():
         if function is not None:
             check_function(name, function, arguments)
     if cost is None and final is None:

@@ -11,30 +11,29 @@ from typing import Any
 import numpy as np
 
 from .. import dynamics as quantities
-from ..basics.inertia import ENTRIES, PARAMETERS, parameters_of_bodies, parameters_seen_from
+from ..basics.inertia import ENTRIES, parameters_of_bodies
 from ..basics.numbers import part_of
 from ..basics.piecewise import NO_TABLE
-from ..basics.spatial import Array, rotate_back, rotation_from_rpy
+from ..basics.spatial import Array
 from ..dynamics.quantity import OK, MethodQuantity, PrecisionStatus, Quantity
 from ..kernels.kernel import Kernel, with_table
 from ..model.model import Model, with_unchecked
 from ..model.parameters import at_parameters, moments_as_vector, with_fewest_terms, with_moments
 from ..model.solids import Moments
 from ..model.topology import end_link
-from .scene_dynamics import Bodies, SceneDynamics
-from .scene_numbers import BODIES, unknown
+from .scene_dynamics import SceneDynamics
+from .scene_numbers import BODIES, gravity_in_base, parameters_on_body, unknown, with_inputs
 
-DRIVEN = ("inverse_dynamics", "forward_dynamics")  # functions with friction and springs, as those of a scene
+DRIVEN = ("inverse_dynamics", "forward_dynamics")  # functions that include friction and springs
 WITHOUT_GRAVITY = ("mass_matrix", "coriolis_torque", "coriolis_matrix", "kinetic_energy", "momentum")
+OF_SCENE = {"rates": "right_hand_side", "rates_and_drives": "rates_and_drives", "start_of_motors": "start_of_motors"}
+OF_RATES = "friction.", "springs[", "controller.", "elastic.", "effort_limit"
 PARTS: dict[str, tuple[str, ...]] = dict.fromkeys(DRIVEN, ("friction.", "springs["))
+PARTS |= dict.fromkeys(("rates", "rates_and_drives"), OF_RATES)
 PARTS |= {"friction_torque": ("friction.",), "controller": ("controller.",)}
 PARTS |= {"law": ("controller.",), "start_of_motors": ("springs[", "elastic.")}
-OF_SCENE = {"rates": "right_hand_side", "rates_and_drives": "rates_and_drives", "start_of_motors": "start_of_motors"}
-PARTS |= dict.fromkeys(
-    ("rates", "rates_and_drives"), ("friction.", "springs[", "controller.", "elastic.", "effort_limit")
-)
 LAWS = "controller", "law"
-MASS = "payload.mass"  # the payload's mass alone: its centre of mass and its inertia about it are the scene's
+MASS = "payload.mass"  # only the mass of a payload, whose centre of mass and inertia about it are the scene's
 
 
 def plain_name(name: str) -> str:
@@ -52,18 +51,17 @@ def plain_name(name: str) -> str:
 class NamedNumbers:
     """Kernels of a scene's functions, with numbers as further arguments.
 
-    `kernel(quantity)` takes the arguments of the quantity, then those of the numbers, flat, that it can depend on. The
-    quantities are those of `rne.dynamics` that take joint arrays alone, of the robot with its payload; torques of
-    "inverse_dynamics" and accelerations of "forward_dynamics" are with friction and springs, as those of the scene;
-    "friction_torque" is of qd; "controller" of t, q, qd and the law's states z, if it has some, gives torques, then
-    dz/dt, or z at the next sample of a discrete law, and "law" the same of t and x; "rates" gives dx/dt of t, x and the
-    torques u, if the scene has no traced law, with limits, "rates_and_drives" torques behind them, "start_of_motors"
-    where motors behind elastic joints start.
-    Where a law follows samples, `piece` is an argument.
+    `kernel(quantity)` takes the arguments of the quantity, then the numbers that it can depend on, flat; where a law
+    follows samples, `piece` is an argument too. Quantities are those functions of `rne.dynamics` whose arguments are
+    joint arrays, for the robot with its payload; "inverse_dynamics" and "forward_dynamics" include friction and springs
+    of the scene. Others are "friction_torque" of qd; "controller" of t, q, qd and the law's states z, if it has some,
+    which gives torques, then dz/dt, or z at the next sample of a discrete law; "law", the same of t and x; "rates",
+    dx/dt of t, x and the torques u, if the scene has no traced law, within limits; "rates_and_drives", which adds the
+    drives' torques; and "start_of_motors", initial positions of the motors of elastic joints.
 
-    Numbers have the names of `Scene.numbers` and are as there, but for "payload": mass, the three coordinates of its
-    centre of mass, and Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the centre of mass, in the frame of its link.
-    "payload.mass" is its mass alone, with the centre of mass and the inertia about it of the scene: fewer operations.
+    Numbers are those of `Scene.numbers` with two exceptions. "payload" is the mass, the three coordinates of the centre
+    of mass, and Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the centre of mass, in the frame of its link. "payload.mass" is only
+    its mass, with the scene's centre of mass and inertia about it, for fewer operations.
 
     Parameters
     ----------
@@ -102,11 +100,7 @@ class NamedNumbers:
     @cached_property
     def named(self) -> Any:
         """Scene whose equations have the names as numbers, zeros included."""
-        varying, model = None, self.scene.resolved.robot.model
-        if "parameters" in self.names:
-            varying = Bodies.mask(at_parameters(model, np.sqrt(np.arange(2.0, 2.0 + PARAMETERS * model.nb))))
-        names = ["payload" if name == MASS else name for name in self.names]
-        return self.scene.naming({}, names, varying)
+        return with_inputs(self.scene, ["payload" if name == MASS else name for name in self.names])
 
     @cached_property
     def equations(self) -> SceneDynamics:
@@ -221,11 +215,8 @@ class NamedNumbers:
         bodies = self._bodies(model, own, few=few)
         if quantity in OF_SCENE:
             if own.keys() & {*BODIES}:
-                other |= {
-                    "moments": moments_as_vector(bodies)[0],
-                    "armature": bodies.armature,
-                    "gravity": bodies.gravity,
-                }
+                other |= {"moments": moments_as_vector(bodies)[0]}
+                other |= {"armature": bodies.armature, "gravity": bodies.gravity}
             return self.equations.at(other).evaluated(f"{OF_SCENE[quantity]}_core", model, given)
         parts = self.equations.at(other)
         friction, springs = parts.friction, parts.springs
@@ -250,15 +241,16 @@ class NamedNumbers:
         found = at_parameters(model, own["parameters"][None]) if "parameters" in own else model
         found = at_parameters(model, self._unloaded) if "payload" in own else found
         found = with_fewest_terms(found) if few else found
-        if "payload" in own:  # in the moments of its own body alone: moved to others it takes a tenth more operations
-            added = at_parameters(model, self._on_body(model, own["payload"][None]))
+        if "payload" in own:  # only in the moments of its own body: moved to others it takes a tenth more operations
+            given = own["payload"][None]
+            pi = parameters_of_bodies(given[..., 0], given[..., 1:4], given[..., 4:].take(ENTRIES, -1))
+            added = at_parameters(model, parameters_on_body(model, self.scene.payload.link, pi))
             pairs = zip(found.moments, added.moments, strict=True)
             found = with_moments(found, Moments(*(of_robot + of_payload for of_robot, of_payload in pairs)))
         if "armature" in own:
             found = with_unchecked(found, armature=own["armature"])
         if "gravity" in own:
-            turn = np.zeros(3) if self.scene.mounting is None else np.asarray(self.scene.mounting, float)
-            found = with_unchecked(found, gravity=rotate_back(rotation_from_rpy(turn), own["gravity"]))
+            found = with_unchecked(found, gravity=gravity_in_base(self.scene, own["gravity"]))
         return found
 
     @cached_property
@@ -266,16 +258,6 @@ class NamedNumbers:
         """The inertial parameters of the robot without its payload."""
         found: Array = replace(self.scene, payload=None).resolved.robot.parameters
         return found
-
-    def _on_body(self, model: Model, given: Array) -> Array:
-        """Increment of the bodies' inertial parameters, (1, 10 nb), by a payload, (1, 10)."""
-        index = model.link_index(self.payload_link)
-        R, p, body = model.link_rotation[index], model.link_translation[index], model.link_body[index]
-        pi = parameters_of_bodies(given[..., 0], given[..., 1:4], given[..., 4:].take(ENTRIES, -1))
-        m, h, I = pi[..., 0], pi[..., 1:4], pi[..., 4:].take(ENTRIES, -1)
-        seen = parameters_seen_from(m, h @ R.T, R @ I @ R.T, p - model.joint_origin[body])
-        rows = [seen if k == body else 0 * seen for k in range(model.nb)]
-        return np.concatenate(rows, axis=-1)
 
 
 def _unjudged(*_: Any) -> PrecisionStatus:

@@ -1,9 +1,9 @@
-"""Numbers of a scene by name, which may differ between motions without another program."""
+"""Numbers of a scene by name, which may change, or differ between motions, without recompilation."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -185,7 +185,7 @@ def checked(scene: Any, numbers: Mapping[str, ArrayLike], count: int | None = No
 
 @contextmanager
 def named(names: Iterable[str]) -> Iterator[None]:
-    """Context in which errors of parts name the number instead of the field."""
+    """Context in which errors of parts have the name of the number instead of the field's."""
     try:
         yield
     except ValueError as error:
@@ -262,7 +262,8 @@ def common_and_own(
 ) -> tuple[Any, dict[str, Array]]:
     """Scene with the numbers common to N motions, and each motion's own numbers, (N, ...).
 
-    Limits that are all infinite are own ones, as the scene would have none; a ValueError is `sticking` if joints stick.
+    Limits that are all infinite are each motion's own, as the scene would have none; the ValueError for joints that can
+    stick is `sticking`.
     """
     known, common = scene.numbers, numbers
     if isinstance(numbers, Mapping) and not is_one:
@@ -280,7 +281,7 @@ def common_and_own(
 
 
 def numbers_of_dynamics(scene: Any, own: Mapping[str, Array]) -> dict[str, Array]:
-    """Numbers of motions for the equations: moments of bodies in place of their parameters."""
+    """Numbers of motions for the equations: moments of bodies instead of their parameters."""
     found = {name: array for name, array in own.items() if name not in BODIES}
     return found | (bodies_as_numbers(scene, own) if {*BODIES} & {*own} else {})
 
@@ -288,7 +289,7 @@ def numbers_of_dynamics(scene: Any, own: Mapping[str, Array]) -> dict[str, Array
 def friction_of_all(scene: Any, own: Mapping[str, Array]) -> Any:
     """Friction of N motions as one of N n joints, so that it is checked at once; None without friction.
 
-    It has the least of their smoothings, which says whether joints can stick.
+    It has the smallest of their smoothings, by which joints can stick or not.
     """
     friction, mine = scene.resolved.friction, part_of(own, "friction.")
     if not mine or not len(next(iter(mine.values()))):
@@ -339,26 +340,41 @@ def bodies_as_numbers(scene: Any, own: Mapping[str, Array]) -> dict[str, Array]:
     if "armature" in own:
         found["armature"] = own["armature"]
     if "gravity" in own:
-        turn = np.zeros(3) if scene.mounting is None else scene.mounting
-        found["gravity"] = rotate_back(rotation_from_rpy(np.asarray(turn, float)), own["gravity"]) + 0.0
+        found["gravity"] = gravity_in_base(scene, own["gravity"]) + 0.0
     return found
 
 
+def gravity_in_base(scene: Any, gravity: Array) -> Array:
+    """Gravity of a scene, (..., 3), in the frame of the robot's base."""
+    turn = np.zeros(3) if scene.mounting is None else np.asarray(scene.mounting, float)
+    return rotate_back(rotation_from_rpy(turn), gravity)
+
+
 def parameters_on_body(model: Any, link: str | None, pi: Array) -> Array:
-    """Increment of a robot's inertial parameters, (..., 10 nb), by bodies (..., 10) about a link's origin."""
+    """Increment of a robot's inertial parameters, (..., 10 nb), by bodies (..., 10) about the origin of a link."""
     index = model.link_index(end_link(model) if link is None else link)
     R, p, body = model.link_rotation[index], model.link_translation[index], model.link_body[index]
-    found = np.zeros((*pi.shape[:-1], model.nb, PARAMETERS))
-    if body >= 0:
-        m, h, I = pi[..., 0], pi[..., 1:4], pi[..., 4:].take(ENTRIES, -1)
-        found[..., body, :] = parameters_seen_from(m, h @ R.T, R @ I @ R.T, p - model.joint_origin[body])
-    return found.reshape(*pi.shape[:-1], -1)
+    m, h, I = pi[..., 0], pi[..., 1:4], pi[..., 4:].take(ENTRIES, -1)
+    seen = parameters_seen_from(m, h @ R.T, R @ I @ R.T, p - model.joint_origin[body])
+    return np.concatenate([seen if k == body else 0 * seen for k in range(model.nb)], axis=-1)
 
 
 def moments_of_payloads(scene: Any) -> Array:
     """Mask of a robot's regrouped moments that the payload of a scene can change."""
-    model, general = scene.resolved.robot.model, np.sqrt(np.arange(2.0, 2.0 + PARAMETERS))
-    return Bodies.mask(at_parameters(model, parameters_on_body(model, scene.payload.link, general)))
+    model = scene.resolved.robot.model
+    return Bodies.mask(at_parameters(model, parameters_on_body(model, scene.payload.link, _general(1))))
+
+
+def with_inputs(scene: Any, names: Sequence[str]) -> Any:
+    """Scene whose kernels have the numbers of these names as inputs, with all moments that bodies can have."""
+    model = scene.resolved.robot.model
+    varying = Bodies.mask(at_parameters(model, _general(model.nb))) if "parameters" in names else None
+    return scene.naming({}, names, varying)
+
+
+def _general(bodies: int) -> Array:
+    """Parameters of bodies among which no relation makes a regrouped moment zero."""
+    return np.asarray(np.sqrt(np.arange(2.0, 2.0 + PARAMETERS * bodies)))
 
 
 def at_parameters_of(scene: Any, parameters: Array) -> Any:

@@ -1,10 +1,9 @@
-"""Derivatives of a motion by its initial state and numbers of its scene, at given times.
+"""Derivatives of a motion at given times with respect to its initial state and to numbers of its scene.
 
-Of explicit methods they are discrete sensitivities: the steps with frozen sizes, and derivatives along with them. Of
-implicit ones, whose stages hold a Jacobian, the variational equations S' = (df/dx) S + df/dp are integrated with the
+Those of explicit methods are discrete sensitivities: derivatives of the steps, whose lengths are constants. With
+implicit ones, whose stages need a Jacobian, the variational equations S' = (df/dx) S + df/dp are integrated with the
 motion as one system (Hairer, Norsett and Wanner 1993, Solving Ordinary Differential Equations I, section I.14). Both
-have p seeds: entries of the start and of what the motion is made of, of which derivatives by names are linear
-functions.
+are by p seeds, entries of the start and of the vectors of numbers; derivatives by names are linear functions of these.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ from .scene import Scene
 from .scene_numbers import BODIES
 from .simulator import METHODS, check_times, one_state, scene_argument, tolerances
 
-AT_ONCE = 2**21  # size of the derivatives of dx/dt computed at once, which fit into a processor's cache [bytes]
+AT_ONCE = 2**21  # size of the derivatives of dx/dt computed at once, such that a processor's cache holds them [bytes]
 SHIFT = "command.delay"  # name of the shift of a reference's pieces [s]
 TOLD = 999  # number of parts of a motion after each of which `progress` is called
 Made = Mapping[str, list[tuple[slice, Any]]]  # by name: seeds, and matrices (k, some), or None, to be added
@@ -70,11 +69,11 @@ class ByNames(Mapping[str, Array]):
 
 
 class Columns:
-    """Directions in which a motion is differentiated: p seeds, the combinations that form each name, and the parts.
+    """Seeds, p directions in which a motion is differentiated, and the combinations of them for each name, `made`.
 
-    `numbers` and `of_law` have a direction, or -1, for each entry of the numbers of the equations and of a sampled law,
-    `limits`, (2, n), for bounds of commands; `samples` is the first of those that a law follows. Further `directions`
-    by name are derivatives of the pieces that it follows, (N, width, k), SHIFT those of pieces that come later.
+    `numbers` and `of_law` have a seed, or -1, for each entry of the numbers of the equations and of a sampled law,
+    `limits`, (2, n), for bounds of commands; `samples` is the first seed of the samples that a law follows. Further
+    `directions` by name are derivatives of the pieces that it follows, (N, width, k); SHIFT is for later pieces.
     """
 
     def __init__(
@@ -177,7 +176,7 @@ class Forwards:
         T, size, n, p = len(self.t), len(self.x), self.dynamics.joints, self.columns.p
         self.found_x, self.tau = np.zeros((T, size)), np.zeros((T, n))
         self.along_x, self.along_tau = np.zeros((T, size, p)), np.zeros((T, n, p))
-        self.holding = group.holding._replace(counts=np.zeros(2, np.int64))  # of derivatives, which come behind
+        self.holding = group.holding._replace(counts=np.zeros(2, np.int64))  # of derivatives, which are computed later
 
     def tell(self, t: float) -> None:
         """Record the time reached."""
@@ -312,7 +311,7 @@ class Forwards:
         text = compiled(carry) if self.group.by_machine else carry
         part = part if self.frozen.law else part._replace(acting=self._later(part))
         with np.errstate(over="ignore", invalid="ignore"):
-            text(f, more, of_law, part, self.holding, kept, jumps, (steps, weights, A2, counts), d, X, U)
+            text(f, more, of_law, part, self.holding, kept, jumps, (steps, weights, A2, counts, X, U), d)
         if not np.isfinite(d.x).all():
             end = float(part.begins[-1] + part.lengths[-1])
             raise NotFiniteError(f"derivatives overflow before t = {end:.6g} s", end)
@@ -358,8 +357,8 @@ class Forwards:
             K[:, s] = self.value(self.dynamics.right_hand_side, t[:, s], Y[:, s], u[:, s])
         return A2, self.linear(self.dynamics.accelerations, t[:, S:], Y[:, S:], u[:, S:]), K
 
-    def beside(self, parts: Schedule, how: Variational) -> None:
-        """Integrate the variational equations from one sample, start of a command or jump of a law to the next."""
+    def along_equations(self, parts: Schedule, how: Variational) -> None:
+        """Integrate the variational equations from each sample, start of a command or jump of a law to the next."""
         d = self.directions(0)
         for k, end in enumerate(self.task.ends[1:].tolist()):
             self._switch(parts, k, d)
@@ -405,11 +404,9 @@ class Forwards:
             if count := len(self.t[rows]):
                 found = solver.dense_output()(self.t[rows]).T
                 along_x = found[:, size:].reshape(count, d.p, size).swapaxes(1, 2)
-                held = (
-                    np.repeat(u[None], count, axis=0),
-                    np.repeat(d.held.reshape(1, len(d.held) // d.p, d.p), count, axis=0),
-                )
-                self.report(rows, found[:, :size], held[0], along_x, held[1])
+                along_u = d.held.reshape(1, len(d.held) // d.p, d.p)
+                held, along_u = (np.repeat(array, count, axis=0) for array in (u[None], along_u))
+                self.report(rows, found[:, :size], held, along_x, along_u)
             self.tell(float(solver.t))
         self.x[:], d.x[:] = solver.y[:size], turned(solver.y[size:], d.p)
 
@@ -465,13 +462,13 @@ class Sensitivities(InNotebooks):
         Positions, velocities and torques of the drives within their limits, where they jump those after it [rad or m;
         rad/s or m/s; N m or N].
     dq, dqd, dtau : mapping of str to ndarray, shape (T, n, k)
-        Their derivatives by each name of `wrt`, whose k entries are in C order; read-only, in units of the quantity
-        over those of the number.
+        Their derivatives with respect to each name of `wrt`, whose k entries are in C order; read-only, in units of the
+        quantity over those of the number.
     method : str
         The method that ran.
     message : str
         Why this method; whether derivatives are discrete sensitivities of its steps or by the variational equations;
-        and whether torques reached limits, where a derivative is that of one side.
+        and whether torques reached limits, where derivatives are one-sided.
     model : Model
         The robot that moved.
 
@@ -567,18 +564,18 @@ def sensitivities(
     torque : array_like, shape (n,), optional
         Constant torques of the drives, for a robot or a scene without a controller [N m or N].
     method : str
-        As of `rne.simulate`; with `step` "rk4", which "auto" takes. Of explicit methods derivatives are discrete
-        sensitivities, exact for the steps that were taken. Beside LSODA, BDF and Radau the variational equations are
-        integrated at the same tolerances, by Radau in place of Rodas5P and where "auto" has changed the method.
+        As for `rne.simulate`; with `step` "rk4", which "auto" takes. With explicit methods derivatives are discrete
+        sensitivities, exact for the steps that were taken. With LSODA, BDF and Radau the variational equations are
+        integrated at the same tolerances; Radau replaces Rodas5P, and a method that "auto" has changed.
     step : float, optional
         The longest of equal steps, which end at samples, where commands begin to act and at `t_eval` [s].
     rtol, atol : float
-        Relative and absolute tolerance of steps that are controlled. Of variational equations those by numbers above 1
-        have as much less an absolute one.
+        Relative and absolute tolerance of steps that are controlled. In the variational equations the absolute one is
+        divided by numbers that are larger than 1.
     t_eval : array_like, shape (T,), optional
         Times to report, ascending within [0, duration] [s].
     progress : callable, optional
-        A function progress(t, duration), called a thousand times at most, with the time that derivatives reached [s].
+        A function progress(t, duration), called at most a thousand times with the time that derivatives reached [s].
 
     Returns
     -------
@@ -591,7 +588,7 @@ def sensitivities(
         If a name is not one of the scene's numbers, the motion has no derivative, as with `stops`, dry friction and
         laws that are called, or an argument has the wrong shape or range.
     NotFiniteError, SingularMassMatrixError
-        If a state overflows or M becomes singular; names the time.
+        If a state overflows or M becomes singular; says when.
     SimulationError
         The same of steps that are controlled.
     SimulationInterrupted
@@ -599,14 +596,11 @@ def sensitivities(
 
     Notes
     -----
-    Sizes of steps that were controlled are frozen, that is, constants: the derivative is exactly that of what was
-    computed, and as far from that of the motion as the tolerances allow. For a cost of the motion and many numbers
-    `rne.motion_gradient` takes less time. Engine "numba" takes some 50 times less time than NumPy; the first call on a
-    machine compiles for some seconds. The variational equations are S' = (df/dx) S + df/dp (Hairer, Norsett and Wanner
-    1993, section I.14). Where torques reach a limit, and at kinks of friction and laws, derivatives
-    are those of the side on which a stage is. By "delay" it is the jump of dx/dt where a command begins to act, for
-    delays that grow. Numbers that are infinite have derivative 0. Step control sees nothing of what numbers would do
-    that are 0, such as friction that is not there: for derivatives by them give `step`.
+    Lengths of steps that were controlled are constants in the derivative: it is exactly that of what was computed, and
+    differs from that of the motion by as much as the tolerances allow. For a cost of the motion and many numbers
+    `rne.motion_gradient` takes less time; its notes on limits, kinks, delays, and infinite and zero numbers hold here
+    too. Engine "numba" takes about 50 times less time than NumPy; the first call on a machine compiles for some
+    seconds. The variational equations are S' = (df/dx) S + df/dp (Hairer, Norsett and Wanner 1993, section I.14).
 
     Examples
     --------
@@ -660,7 +654,7 @@ def _differentiated(task: SensitivityTask, method: str, why: str, tolerated: tup
     try:
         if method in IMPLICIT:
             scales = np.append(1.0, task.columns.scale)[:, None]
-            run.beside(schedule, Variational(method, rtol, atol / scales + 0 * task.x0))
+            run.along_equations(schedule, Variational(method, rtol, atol / scales + 0 * task.x0))
         elif not run.along_steps(schedule):
             run = Forwards(task, by_machine=False)
             run.along_steps(schedule)

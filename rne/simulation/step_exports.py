@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -16,6 +15,7 @@ from ..kernels.exports.casadi import to_casadi
 from ..kernels.kernel import Kernel, with_table
 from ..kernels.units import Unit, UnitFunction, unit
 from .frozen_motion import FrozenScene
+from .named_numbers import plain_name
 from .scene_numbers import unknown
 
 
@@ -38,7 +38,7 @@ def interval_to_casadi(stepper: Any, name: str, symbolic: str, names: Sequence[s
     widths = {"x": stepper.size, "u": n * frozen.is_driven, "t": int(not frozen.is_driven)}
     widths["piece"] = max(k.widths[k.names.index("piece")] if k and "piece" in k.names else 0 for k in kernels)
     symbols = {key: kind.sym(key, width) for key, width in widths.items() if width}
-    plain = {key: re.sub(r"\W+", "_", key).strip("_") for key in names}
+    plain = {key: plain_name(key) for key in names}
     given = {key: kind.sym(plain[key], known[key].size) for key in names}
 
     def vector(owner: Any, part: str) -> Any:

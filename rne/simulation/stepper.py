@@ -16,8 +16,8 @@ from ..basics.spatial import Array
 from ..basics.text import short
 from ..errors import NotFiniteError, SingularMassMatrixError
 from ..integrators.frozen_steps import Function
-from ..integrators.loops import LANES, compiled
-from ..integrators.row_steps import RowGroup, RowSlopes, pull_back_rows, step_rows
+from ..integrators.loops import LANES, NO_PIECES, compiled
+from ..integrators.row_steps import RowGroup, RowSlopes, step_rows
 from ..integrators.step_control import aligned
 from ..integrators.tableaus import tableau
 from ..kernels.kernel import FLOAT64
@@ -48,7 +48,7 @@ class _Rows(NamedTuple):
 
 
 class _Numbers:
-    """Scene under other numbers, some of them per state, (N, ...)."""
+    """Scene with other numbers, some of which differ between states, (N, ...)."""
 
     def __init__(self, frozen: FrozenScene, own: Own, given: Own) -> None:
         self.frozen, self.own, self.given = frozen, own, given
@@ -112,30 +112,27 @@ class _Lanes:
             frozen.dynamics.n * L,
             np.zeros(ends.shape[1]),
         )
-        if derive:
-            self.slopes = self._row_slopes(side, gradients, stages, np.zeros(stepper.size * L))
+        self.slopes: Any = self._row_slopes(side, gradients, stages) if derive else ()
 
-    def _row_slopes(self, side: SideBySide, gradients: Sequence[Function], stages: int, state: Array) -> RowSlopes:
-        """Storage of derivatives: by the `state` at the start, and by all others in one vector."""
-        adjoint = side.adjoint(state[: side.size * self.count], stages)
+    def _row_slopes(self, side: SideBySide, gradients: Sequence[Function], stages: int) -> RowSlopes:
+        """Storage of derivatives: those by the state at the start take its place, all others are in one vector."""
+        adjoint = side.adjoint(self.group.state[: side.size * self.count], stages)
         is_driven = self.numbers.frozen.is_driven
         of = {name: getattr(adjoint, name) for name in ("held", *OTHERS) if name != "held" or is_driven}
         others = np.zeros(sum(array.size for array in of.values()))
         parts = np.split(others, np.cumsum([array.size for array in of.values()])[:-1])
         adjoint = adjoint._replace(**{k: a.reshape(of[k].shape) for k, a in zip(of, parts, strict=True)})
-        return RowSlopes(gradients[0], gradients[1], adjoint, state, adjoint.pending.reshape(-1), others)
+        return RowSlopes(gradients[0], gradients[1], adjoint, adjoint.pending.reshape(-1), others)
 
     def run(self, rows: _Rows, first: int, last: int, left: Array) -> None:
-        """Integrate a range of rows; those that need the recursion are marked as left."""
+        """Integrate a range of rows, and mark those that need the recursion in `left`."""
         own, count = rows.t, self.numbers.count
         if self.numbers.own and self.by_machine:
             columns = [rows.t, *self.numbers.columns(derive=self.derive)]
             own = np.hstack([np.broadcast_to(a, (count, a.shape[1])) for a in columns])
-        text: Any = pull_back_rows if self.derive else step_rows
-        text = compiled(text) if self.by_machine else text
-        groups, span = [self.group, self.slopes] if self.derive else [self.group], (first, last)
-        more = (rows.weights, span, rows.out, rows.others) if self.derive else (span, rows.out)
-        text(*groups, rows.x, rows.u, own, *more, left)
+        text = compiled(step_rows) if self.by_machine else step_rows
+        weights = rows.weights if self.derive else NO_PIECES
+        text(self.group, self.slopes, rows.x, rows.u, own, weights, (first, last), rows.out, rows.others, left)
 
 
 class Stepper:
@@ -150,7 +147,7 @@ class Stepper:
     sample_time : float, optional
         Length of the interval; that of a sampled controller if not given [s].
     substeps : int
-        Equal steps of the interval. A command that begins to act within one divides it.
+        Number of equal steps. One in which a command begins to act is divided there.
     method : {"rk4", "tsit5", "semi-implicit-euler"}
         The classical Runge-Kutta method of order 4, that of Tsitouras (2011) of order 5 with equal steps, or
         semi-implicit Euler with viscous friction implicit: (M + h D) qdd = net torques, D = d friction / d qd,
@@ -172,19 +169,18 @@ class Stepper:
     TypeError
         If `scene` is neither a Scene nor a Robot.
     ValueError
-        If an argument is out of range, `sample_time` is another one than that of the controller, or the scene cannot be
-        stepped from its state alone: `stops`, sticking friction, `torque_rate`, a controller that is called.
+        If an argument is out of range, `sample_time` is not that of the controller, or the next state depends on more
+        than the state: `stops`, sticking friction, `torque_rate`, a controller that is called.
 
     Notes
     -----
-    The error of a step is not controlled. "rk4" is stable for steps of up to 2.7 times the shortest time in which
-    friction slows a joint down: inertia over (viscous + coulomb / smoothing), for geared arms and the default
-    `smoothing` some milliseconds. With longer steps joints near rest chatter: give a larger `smoothing`, or `substeps`.
+    The error of a step is not controlled. "rk4" is stable for steps of up to 2.7 times the shortest time constant of
+    friction, inertia over (viscous + coulomb / smoothing): for geared arms and the default `smoothing` some
+    milliseconds. With longer steps joints near rest chatter: give a larger `smoothing`, or `substeps`.
 
-    A batch by engine "numba" takes some 30 times less time than by NumPy; the first call on a machine compiles for some
-    seconds. There a row of the result does not depend on the others. A traced controller that
-    is not sampled is part of dx/dt; where its torques jump, at its `breaks`, steps do not end by themselves. A
-    controller that is changed in place needs another stepper.
+    A batch by engine "numba" takes about 30 times less time than by NumPy, and no row depends on the others; the first
+    call on a machine compiles for some seconds. A traced controller that is not sampled is part of dx/dt; steps do not
+    end at its `breaks`, where its torques jump. A controller that is changed in place needs another stepper.
 
     Examples
     --------
@@ -246,12 +242,12 @@ class Stepper:
         )
 
     def _frozen(self, scene: Scene, names: tuple[str, ...]) -> FrozenScene:
-        """Scene with its equations; a ValueError names what has no interval."""
+        """Scene with its equations; a ValueError for those whose next state depends on more than the state."""
         damped_over = self.sample_time / self.substeps if self.method == "semi-implicit-euler" else 0.0
         found = FrozenScene(scene, names, None, scene.controller is None, damped_over)
         refused = found.refused
         if scene.torque_rate is not None:
-            refused = "`torque_rate` needs the command before: leave it out, or bound what the law gives"
+            refused = "`torque_rate` needs the previous command: leave it out, or bound what the law gives"
         if refused:
             raise ValueError(f"the scene cannot be stepped from its state alone: {refused}")
         return found
@@ -280,7 +276,7 @@ class Stepper:
         return np.concatenate([q, qd, np.zeros((*q.shape[:-1], self.size - 2 * q.shape[-1]))], axis=-1)
 
     def reset(self, x: Array, mask: ArrayLike, x0: ArrayLike) -> Array:
-        """Begin some states anew, in place.
+        """Reset some states in place.
 
         Parameters
         ----------
@@ -289,7 +285,7 @@ class Stepper:
         mask : array_like of bool, shape (N,)
             Those to be replaced.
         x0 : array_like, shape (size,) or (N, size)
-            What they begin with, such as from `start`.
+            Their new values, such as from `start`.
 
         Returns
         -------
@@ -327,8 +323,8 @@ class Stepper:
             Torques of the drives of a scene without a controller, held over the interval, within its effort limits
             [N m or N].
         numbers : mapping of str to array_like, optional
-            Numbers of the scene in place of its own, by the names of `Scene.numbers`: the same for all states, or with
-            an axis of N in front.
+            Numbers of the scene instead of its own, by the names of `Scene.numbers`: the same for all states, or with
+            a leading axis of N.
         workers : int
             Threads that share the states, by engine "numba".
         t : float or array_like, shape (N,)
@@ -345,7 +341,7 @@ class Stepper:
             If an argument has the wrong shape or type, `u`, `t` or a number is not finite, there is no such number, or
             `t` is outside of the samples that a law follows.
         NotFiniteError, SingularMassMatrixError
-            If a state is not finite or overflows, or M is singular; names the state.
+            If a state is not finite or overflows, or M is singular; says which state.
         """
         states = self._states("x", x)
         given, out = self._numbers(numbers, len(states)), np.empty_like(states)
@@ -377,7 +373,7 @@ class Stepper:
         ValueError
             If an array has the wrong shape or type, or `out` overlaps `x`.
         NotFiniteError, SingularMassMatrixError
-            As of a call; `out` may then have some of the new states.
+            As for a call; `out` may then have some of the new states.
         """
         shape, n = np.shape(x), self.scene.n
         if shape not in ((self.size,), (*shape[:1], self.size)):
@@ -409,22 +405,22 @@ class Stepper:
         Parameters
         ----------
         x, u : array_like
-            As of a call.
+            As for a call.
         weights : array_like, shape (size,) or that of x
-            Derivatives of a cost by the states at the end, such as the gradient of the interval behind this one.
+            Derivatives of a cost by the states at the end, such as the gradient of the next interval.
         numbers, workers, t : optional
-            As of a call.
+            As for a call.
 
         Returns
         -------
         dict of str to ndarray
-            By "x", shape of x, by "u", (n,) or (N, n), where torques are given, and by the names of `numbers`, of their
-            shapes for each state; units of the cost over those of the name.
+            With respect to "x", shape of x, "u", (n,) or (N, n), where torques are given, and the names of `numbers`,
+            in their shapes for each state; units of the cost over those of the name.
 
         Raises
         ------
         ValueError, KeyError, TypeError, NotFiniteError, SingularMassMatrixError
-            As of a call; also if `weights` has the wrong shape or is not finite.
+            As for a call; also if `weights` has the wrong shape or is not finite.
 
         Notes
         -----
@@ -467,9 +463,9 @@ class Stepper:
         Parameters
         ----------
         x, u : array_like
-            As of a call.
+            As for a call.
         numbers, workers, t : optional
-            As of a call.
+            As for a call.
 
         Returns
         -------
@@ -479,7 +475,7 @@ class Stepper:
         Raises
         ------
         ValueError, KeyError, TypeError, NotFiniteError, SingularMassMatrixError
-            As of a call.
+            As for a call.
 
         Notes
         -----
@@ -513,12 +509,12 @@ class Stepper:
         -------
         casadi.Function
             Of x, of torques u, or with a controller of t, of the `piece` of samples that it follows, and of numbers,
-            with _ in place of other signs than letters and digits; it gives x_next. It checks nothing.
+            whose names have _ instead of signs other than letters and digits; it gives x_next. It checks nothing.
 
         Raises
         ------
         ImportError, ValueError, TypeError
-            If CasADi is missing or allows no such name, or the equations are too large to be written out.
+            If CasADi is missing or does not allow the name, or the equations are too large to be written out.
         """
         from .step_exports import interval_to_casadi
 
@@ -615,7 +611,7 @@ class Stepper:
         return np.ascontiguousarray(array.reshape(-1, 1), dtype=np.float64)
 
     def _numbers(self, numbers: Mapping[str, ArrayLike] | None, count: int) -> _Numbers:
-        """Numbers in place of the scene's, checked; the last ones are cached."""
+        """Numbers instead of the scene's, checked; the last ones are cached."""
         numbers = _named(numbers)
         if not numbers:
             return self.own_numbers
@@ -663,7 +659,7 @@ class Stepper:
             self._by_numpy(numbers, rows, np.flatnonzero(left))
 
     def _by_numpy(self, numbers: _Numbers, rows: _Rows, some: Array) -> None:
-        """Compute some rows by NumPy, whose errors name the first one at fault."""
+        """Compute some rows by NumPy; errors are those of the first row that fails."""
         part, derive = rows.part(some), rows.weights.size > 0
         own = _Numbers(numbers.frozen, numbers.part(some), {})
         try:
