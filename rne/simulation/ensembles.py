@@ -623,12 +623,11 @@ class SequentialRun:
 
 def joined(parts: Sequence[Motions]) -> Motions:
     """Motions of several chunks joined."""
-    q, qd, tau, energies = (np.concatenate([part[k] for part in parts], axis=1) for k in range(4))
-    end, status = (np.concatenate([part[k] for part in parts]) for k in (4, 5))
+    arrays = (np.concatenate([part[k] for part in parts], axis=int(k < 4)) for k in range(6))  # end and status last
     methods = tuple(sorted({method for part in parts for method in part.methods}))
     verdict = reduce(PrecisionStatus.worse, [part.verdict for part in parts])
     evaluations, interrupted = sum(part.evaluations for part in parts), any(part.interrupted for part in parts)
-    return Motions(q, qd, tau, energies, end, status, methods, evaluations, verdict, interrupted)
+    return Motions(*arrays, methods, evaluations, verdict, interrupted)
 
 
 Plan = BatchRun | SequentialRun

@@ -377,15 +377,13 @@ def motion_gradient(
     scene, own = common_and_own(scene, numbers or {}, count, what, is_one=is_one)
     torques = constant_torques(scene, torque, count)
     frozen = FrozenScene(scene, tuple(dict.fromkeys((*names, *own))), cost, torques.size > 0)
-    chosen, at_end = _method(frozen, method, step), None
-    if final is not None:
-        at_end = UserFunction("final", final, (scene.n,) * 2)
+    chosen = _method(frozen, method, step)
+    at_end = None if final is None else UserFunction("final", final, (scene.n,) * 2)
     task = _Task(frozen, at_end, names, whole_number("memory", memory, least=1), _Told(progress))
     longest = None if step is None else positive_number("step", step)
     value, gradient = task.of_all(_Batch(starts, own, torques, end, longest, chosen, tolerances(rtol, atol)))
-    if is_one:
-        return MotionGradient(value[0], {name: gradient[name][0] for name in names})
-    return MotionGradient(value, {name: gradient[name] for name in names})
+    part = 0 if is_one else slice(None)
+    return MotionGradient(value[part], {name: gradient[name][part] for name in names})
 
 
 def _check_functions(cost: Any, final: Any, progress: Any) -> None:
