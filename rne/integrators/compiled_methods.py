@@ -182,12 +182,7 @@ class SampledSolver(CompiledSolver):
         """Next steps, at most this many."""
         sampler, n, m = self.sampler, self.bounds.shape[1], len(self.sampler.state)
         work, u = self._storage(max_steps), np.array(self.system.held)
-        moving, table = self.law.widths[1] - m, sampler.law_table
-        given = _arguments(moving + m, None, self.law.coefficients(sampler.numbers), table)
-        tables, found = table[None] if len(table) else NO_TABLES, np.empty(self.law.traced.entries)
-        law = Function(self.law.address(), given, found, tables, len(given) - 2, np.zeros(1))
-        counts, z = np.array([sampler.count, sampler.arrived]), np.stack([sampler.state, sampler.next_state])
-        holding = Holding(sampler.update, self.bounds, sampler.pending, z, counts)
+        moving, (law, holding) = self.law.widths[1] - m, self._sampling()
         (begun, came), (U, W) = np.empty((2, max_steps + 1), np.int64), np.empty((2, max_steps + 1, n))
         Z, timing, number = np.empty((max_steps + 1, m)), (sampler.period, *sampler.delay), np.zeros(2, np.int64)
         problem = Problem(self.rates, self._arguments(u), self.interval())
@@ -198,7 +193,7 @@ class SampledSolver(CompiledSolver):
         if last >= 0:
             samples = work.T[begun], work.X[begun, :moving], W[: len(begun)], Z[: len(begun)]
             acting = (work.T[came], work.X[came, :moving], U[came]) if any(sampler.delay) else samples[:3]
-            sampler.note(samples, acting, z, self.system.evaluations + int(work.evaluations[:last].sum()))
+            sampler.note(samples, acting, holding.states, self.system.evaluations + int(work.evaluations[:last].sum()))
         if taken:
             block = self._taken(taken, work, u, U[:taken])
             if last == taken:  # the derivative there is the one before the sample
@@ -207,6 +202,15 @@ class SampledSolver(CompiledSolver):
         if self.t >= sampler.next:
             sampler.renew(self.t, self.x)
         return self._step_by_scipy(min(sampler.next, self.end))
+
+    def _sampling(self) -> tuple[Function, Holding]:
+        """Law, and what is held between its samples, for loops."""
+        sampler, law, table = self.sampler, self.law, self.sampler.law_table
+        given = _arguments(law.widths[1], None, law.coefficients(sampler.numbers), table)
+        tables, found = table[None] if len(table) else NO_TABLES, np.empty(law.traced.entries)
+        function = Function(law.address(), given, found, tables, len(given) - 2, np.zeros(1))
+        states, counts = np.stack([sampler.state, sampler.next_state]), np.array([sampler.count, sampler.arrived])
+        return function, Holding(sampler.update, self.bounds, sampler.pending, states, counts)
 
 
 class RosenbrockSteps(Steps):

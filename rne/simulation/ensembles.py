@@ -627,7 +627,7 @@ def joined(parts: Sequence[Motions]) -> Motions:
     methods = tuple(sorted({method for part in parts for method in part.methods}))
     verdict = reduce(PrecisionStatus.worse, [part.verdict for part in parts])
     evaluations, interrupted = sum(part.evaluations for part in parts), any(part.interrupted for part in parts)
-    return Motions(*arrays, methods, evaluations, verdict, interrupted)
+    return Motions._make([*arrays, methods, evaluations, verdict, interrupted])
 
 
 Plan = BatchRun | SequentialRun

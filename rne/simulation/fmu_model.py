@@ -16,8 +16,10 @@ from numpy.typing import ArrayLike
 from ..basics.spatial import Array
 from ..basics.text import UNITS as OF_JOINTS
 from ..control.law_numbers import law_breaks
+from ..control.sampled_loop import in_periods
 from ..control.traced_law import TracedLaw
 from ..dynamics.quantity import MethodQuantity
+from ..integrators.loops import StateUpdate
 from ..integrators.tableaus import tableau
 from ..kernels.exports.fmu import TOLERANCE, MockupUnit, Variable
 from ..kernels.kernel import Kernel, with_table
@@ -26,7 +28,6 @@ from ..kernels.units import Unit as Text
 from ..kernels.units import unit
 from ..model.topology import end_link
 from .events import Stop, check_within_stops, stops
-from .frozen_motion import FrozenScene
 from .named_numbers import NamedNumbers, plain_name
 from .scene_numbers import UNITS, unbounded
 
@@ -97,9 +98,15 @@ class SceneUnit:
         return None if self.scene.sample_time is None else self.named.law
 
     @cached_property
-    def timing(self) -> FrozenScene:
-        """Delay of commands after their samples, and update rule of the law's states from sample to sample."""
-        return FrozenScene(self.scene)
+    def delay(self) -> tuple[float, float]:
+        """Delay of commands after their samples: whole periods, and the remainder."""
+        return in_periods(float(self.scene.delay or 0.0), float(self.scene.sample_time or 1.0))
+
+    @property
+    def update(self) -> StateUpdate:
+        """Update rule of a sampled law's states from sample to sample."""
+        is_discrete = self.law is not None and self.law.discrete
+        return StateUpdate.of(float(self.scene.sample_time or 0.0), discrete=is_discrete)
 
     @cached_property
     def stops(self) -> list[Stop]:
@@ -175,7 +182,7 @@ class SceneUnit:
         found = {first["X"] + k: {first["X"] + k} for k in range(size)}
         found |= {first["DX"] + k: places for k, places in enumerate(self.reached("rates", first))}
         if law is not None:  # torques that are held until they are sampled again
-            held: list[set[int]] = [set()] * law.n if any(self.timing.delay) else self.reached("law", first)[: law.n]
+            held: list[set[int]] = [set()] * law.n if any(self.delay) else self.reached("law", first)[: law.n]
             torques = {first["U"] + k: places for k, places in enumerate(held)}
             found = {k: set().union(*(torques.get(i, {i}) for i in places)) for k, places in found.items()} | torques
         q0, qd0 = (range(first[key], first[key] + len(blocks[key])) for key in ("Q0", "QD0"))
@@ -267,14 +274,14 @@ class SceneUnit:
         scene, dynamics, law, blocks = self.scene, self.named.equations, self.law, self.blocks()
         first = dict(zip([*blocks, "NV"], [0, *accumulate(map(len, blocks.values()))], strict=True))
         model, method, limit = scene.resolved.robot.model, tableau("DOP853"), scene.resolved.effort_limit
-        (late, rest), update, period = self.timing.delay, self.timing.update, float(scene.sample_time or 1.0)
+        (late, rest), period = self.delay, float(scene.sample_time or 1.0)
         breaks = law_breaks(scene.controller) if law is None else []
         sizes = {**first, "S": dynamics.size, "N": scene.n, "C": dynamics.n, "K": first["DX"] - first["X"]}
         sizes |= {"R": first["Z"] - first["DX"], "M": law.states if law else 0, "SAMPLED": int(law is not None)}
         sizes |= {"INPUTS": first["P" if law else "U"], "LATE": int(late), "QUEUE": int(late) + 2}
         sizes |= {"BREAKS": len(breaks), "STAGES": len(method.B)}
         macros: dict[str, Any] = {"PERIOD": period, "REST": rest, "SLACK": SLACK * period * bool(law)}
-        macros |= {"KEEP": update.keep, "GAIN": update.gain}
+        macros |= dict(zip(("KEEP", "GAIN"), self.update, strict=True))
         given = {"t": "t", "x": "x", "weights": "weights", "q": "q", "piece": "arm_rates_piece(*(t))"}
         given |= {key: f"(m)->v + {k}" for key, k in self.places(first).items() if key not in given}
         for macro, (arguments, name) in CALLS.items():
