@@ -41,7 +41,7 @@ class UrdfError(ModelError):
     Attributes
     ----------
     finding : Finding or None
-        The finding behind the error, with its line and how to fix it.
+        The finding that caused the error, with its line and how to fix it.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class NotFiniteError(RneError, ValueError):
     time : float or None
         The time in a simulation [s].
     state : tuple of int
-        Which state of a batch, where that is known; empty for a single one.
+        Index of the state in a batch, where it is known; empty for a single one.
 
     Examples
     --------
@@ -94,7 +94,7 @@ class SingularMassMatrixError(RneError, LinAlgError):
     joints : tuple of str
         The joints of that combination.
     state : tuple of int
-        Which state of a batch; empty for a single one.
+        Index of the state in a batch; empty for a single one.
 
     Examples
     --------

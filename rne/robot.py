@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .model.modify import LimitValues
     from .model.standard_parameters import DriveModel
 
-# compiled by Robot.compile without arguments, beside forward dynamics
+# compiled by Robot.compile without arguments, with forward dynamics
 COMPILED = (dynamics.inverse_dynamics, dynamics.mass_matrix, dynamics.bias_torque, dynamics.gravity_torque)
 
 # Arguments that several methods of Robot have; they are added to the methods' docstrings, which describe others only.
@@ -53,7 +53,7 @@ rows : {"xyz", "rotation"} or sequence of int, optional
     default, which arms of fewer joints do not have.
 damping : float
     Added to J M^-1 J^T, in units of its diagonal: near singular poses, where no torque accelerates the point in some
-    direction, Lambda then stays below 1/damping times the inertia of each row alone.
+    direction, Lambda then stays below 1/damping times the inertia of each single row.
 axes : {"base", "link"}
     Axes of the rows: the root link's or the link's own.
 external : mapping of str to array_like, shape (..., 6), optional
@@ -137,12 +137,12 @@ class Robot(InNotebooks):
 
     @property
     def lower(self) -> Array:
-        """Lower ends of the joints' ranges and those of their mimics, -inf where unknown, shape (n,) [rad or m]."""
+        """Lower ends of the ranges of joints and their mimics, -inf where unknown, shape (n,) [rad or m]."""
         return self._model.coordinate_limits()["lower"]
 
     @property
     def upper(self) -> Array:
-        """Upper ends of the joints' ranges and those of their mimics, inf where unknown, shape (n,) [rad or m]."""
+        """Upper ends of the ranges of joints and their mimics, inf where unknown, shape (n,) [rad or m]."""
         return self._model.coordinate_limits()["upper"]
 
     @property
@@ -266,10 +266,10 @@ class Robot(InNotebooks):
         function : callable
             One of this package's functions of a model, such as `rne.dynamics.mass_matrix`.
         *wrt : str
-            Arguments to differentiate by; none for the function itself.
+            Arguments with respect to which it is differentiated; none for the function itself.
         order : {"gradient", "hessian", "hessian_product"}, optional
-            Derivatives of a weighted sum of the function's entries, by all arguments if `wrt` names none; see
-            `rne.kernels.gradient`.
+            Derivatives of a weighted sum of the function's entries, with respect to all arguments if `wrt` has none;
+            see `rne.kernels.gradient`.
         **fixed
             Arguments other than joint arrays, such as `link="link_6"`, or `external=["link_6"]` for its wrench, or
             `parameters=True` for the inertial parameters as a further argument.
@@ -283,7 +283,7 @@ class Robot(InNotebooks):
         Raises
         ------
         TypeError
-            If the function is not one of this package's, or an argument is not one of its.
+            If the function is not one of this package's, or has no such argument.
         ValueError
             If there is no such link or order.
 
@@ -433,7 +433,7 @@ class Robot(InNotebooks):
         qd, tau : array_like, shape (..., n), optional
             Joint velocities and torques, both or neither [rad/s or m/s; N m or N].
         dtype : real floating data type, optional
-            The arithmetic to diagnose for; by default that of `q`.
+            The arithmetic to diagnose for; by default the type of `q`.
 
         Returns
         -------
@@ -847,7 +847,7 @@ class Robot(InNotebooks):
     ) -> Array:
         """Dynamically consistent inverse of a point's Jacobian, M^-1 J^T Lambda.
 
-        Khatib 1987. Torques (1 - J^T inverse^T) tau, those of the null space, do not accelerate the point. Errors are
+        Khatib 1987. Torques (1 - J^T inverse^T) tau of the null space do not accelerate the point. Errors are
         those of `task_inertia`.
 
         Returns
@@ -1070,8 +1070,8 @@ class Robot(InNotebooks):
             Rotors, friction and offsets of the drives, which torques depend on too; by default none.
         tolerance : float
             Angles [rad] and distances, divided by the longest one between two joints, that differ by less are taken as
-            the same. 1e-5 suits a file that has 1.5708 in place of pi / 2: what only such roundings make observable, no
-            measurement finds. It must be below 0.01.
+            the same. 1e-5 suits a file that has 1.5708 instead of pi / 2: no measurement finds what only such
+            roundings make observable. It must be below 0.01.
 
         Returns
         -------
@@ -1121,8 +1121,8 @@ class Robot(InNotebooks):
     ) -> Bounds:
         """Proven constants that stability theorems assume: of gravity, inertia and Coriolis at every position.
 
-        Values that no position exceeds, by branch and bound on the trigonometric polynomials that M, C and g are,
-        beside the values attained. Rounding is included.
+        Values that no position exceeds, by branch and bound on the trigonometric polynomials that M, C and g are, and
+        the values attained. Rounding is included.
 
         Parameters
         ----------
@@ -1143,7 +1143,7 @@ class Robot(InNotebooks):
             machine proves the same; a unit is 2e9 operations, 0.4 to 1 s of one core.
         seconds : float, optional
             Time for each quantity, after which the bounds proven so far are returned as well [s]. Where it ends a proof
-            `Bounds.stopped` says so: what was proven then depends on the machine and its load.
+            `Bounds.stopped` lists it: what was proven then depends on the machine and its load.
         quantities : sequence of str, optional
             Of "gravity_torque", "gravity_stiffness", "mass_matrix", "mass_eigenvalues", "coriolis", "torque",
             "point_speed". By default all, `torque` only where rates and accelerations are known, `point_speed` only
@@ -1198,14 +1198,14 @@ class Robot(InNotebooks):
         inertia : array_like, shape (3, 3), or None
             About its centre of mass, in the link's axes; None for a point mass [kg m^2].
         link : str, optional
-            One of `link_names`. If not given, the last link of the chain, a fixed frame such as a flange behind the
-            last joint included. If several last links have one frame, it is ``tool0`` or the last of them, which is
-            logged at level INFO.
+            One of `link_names`. If not given, the last link of the chain, including fixed frames after the last joint,
+            such as a flange. If several last links have one frame, it is ``tool0`` or the last of them, which is logged
+            at level INFO.
 
         Returns
         -------
         Robot
-            A further robot, with kernels of its own; this one stays as it is.
+            Another robot with its own kernels; this one stays as it is.
 
         Raises
         ------
@@ -1262,14 +1262,14 @@ class Robot(InNotebooks):
         deceleration: LimitValues = None,
         jerk: LimitValues = None,
     ) -> Robot:
-        """Robot with other limits of its joints and drives, such as those of a data sheet.
+        """Robot with other limits of its joints and drives, such as the values of a data sheet.
 
         Parameters
         ----------
         effort, velocity, acceleration, deceleration, jerk : float, array_like of shape (n,), or mapping, optional
             One number for all joints, one for each of `joint_names`, or some by name, also of joints that follow others
             but for effort; inf for none; limits that are not given stay. Deceleration is acceleration against the
-            direction of motion, its limit where inf that of acceleration
+            direction of motion; an infinite limit of it stands for the limit of acceleration
             [N m or N; rad/s or m/s; rad/s^2 or m/s^2, twice; rad/s^3 or m/s^3].
 
         Returns
@@ -1294,7 +1294,7 @@ class Robot(InNotebooks):
         return self.with_model(model)
 
     def with_armature(self, armature: LimitValues) -> Robot:
-        """Robot with other rotors: a rotor of inertia J behind a gear of ratio r adds r^2 J at its joint to M.
+        """Robot with other rotors: a rotor of inertia J with a gear of ratio r adds r^2 J at its joint to M.
 
         Parameters
         ----------

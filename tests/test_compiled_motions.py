@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import rne
-from rne.control.traced_law import TracedLaw
 from rne.integrators import compiled_methods, runge_kutta, step_control, tableaus
 from rne.kernels import Kernel
 from rne.kernels.python_backend import state_function
@@ -185,9 +184,7 @@ def test_samples_while_joints_stick_and_slip(free, method, monkeypatch):
     motions = []
     for robot in free:
         if robot.model.name == "interpreted":
-            monkeypatch.setattr(
-                rne.Scene, "traced_samples", property(lambda scene: TracedLaw(scene.controller, scene.n))
-            )
+            monkeypatch.setattr(rne.Scene, "traced_samples", property(rne.Scene.traced_law))
         law = rne.control.pid(robot, [30.0, 10.0], [30.0, 10.0], [4.0, 1.0], [0.4, -0.1], windup=2.0)
         friction = rne.Friction(viscous=0.2, coulomb=[1.0, 0.2], static=[1.5, 0.25], smoothing=0)
         limits = {"effort_limit": [9.0, 3.0], "torque_rate": [200.0, 100.0]}
@@ -210,7 +207,7 @@ def test_samples_while_joints_stick_and_slip(free, method, monkeypatch):
 def test_evaluations_are_counted_from_the_last_sample(free, monkeypatch):
     """However many samples one call of machine code takes; too many within one are a loop that diverges."""
     if free[1].model.name == "interpreted":
-        monkeypatch.setattr(rne.Scene, "traced_samples", property(lambda scene: TracedLaw(scene.controller, scene.n)))
+        monkeypatch.setattr(rne.Scene, "traced_samples", property(rne.Scene.traced_law))
     scene = rne.Scene(free[1], controller=rne.control.pd(free[1], 5.0, 1.0, [0.1] * 2), sample_time=0.01)
     monkeypatch.setattr(run, "MAX_EVALUATIONS", 60)
     assert rne.simulate(scene, [0.3, 0.2], [0, 0], 0.1, method="DOP853").status == 0
@@ -222,7 +219,7 @@ def test_evaluations_are_counted_from_the_last_sample(free, monkeypatch):
 def test_samples_of_three_joints_that_cannot_stick(monkeypatch):
     """There are no modes behind the torques."""
     make, model = interpreted(monkeypatch), straight_chain(3)
-    monkeypatch.setattr(rne.Scene, "traced_samples", property(lambda scene: TracedLaw(scene.controller, scene.n)))
+    monkeypatch.setattr(rne.Scene, "traced_samples", property(rne.Scene.traced_law))
     ends = []
     for robot in (rne.Robot(model), make(model)):
         scene = rne.Scene(robot, controller=rne.control.pd(robot, 5.0, 1.0, [0.1] * 3), sample_time=0.01)

@@ -264,7 +264,7 @@ def test_what_is_refused(irb140, change, text):
         MomentumObserver(irb140).observe(**arrays)
 
 
-SAME = "`cases` must differ from the robot in masses, centres of mass and inertias alone, not in "
+SAME = "`cases` must differ from the robot only in masses, centres of mass and inertias, not in "
 
 
 @pytest.mark.parametrize(

@@ -261,7 +261,7 @@ def test_it_says_what_it_uses(smooth):
 
 ERRORS = {
     "torques": ("irb140", [[0] * 6, [1] + [0] * 5], {}, "`robot`: joint_1, joint_2, joint_3, joint_4, joint_5, joint_6 have neither a torque nor an acceleration limit; give them by `robot.with_limits(effort=...)`"),
-    "load": ("arm", [[0] * 6, [1] + [0] * 5], {"payload": 80.0}, "`path` cannot be driven: at via point 0, joint 'joint_3' needs a torque of 372.9 for gravity and Coulomb friction alone, its limit is 150"),
+    "load": ("arm", [[0] * 6, [1] + [0] * 5], {"payload": 80.0}, "`path` cannot be driven: at via point 0, joint 'joint_3' needs a torque of 372.9 only for gravity and Coulomb friction; its limit is 150"),
     "range": ("arm", [[0] * 6, [1, 2.5, 0, 0, 0, 0]], {}, "`path` leaves the range of joint 'joint_2', -1.745 to 1.745: 2.5 at via point 1"),
     "joints": ("arm", [[0] * 5, [1] * 5], {}, "`path` must have points of shape (K, 6), got (2, 5)"),
     "same": ("arm", [[0] * 6, [0] * 6], {}, "`points` must differ from one to the next, got the same at index 0 and 1"),

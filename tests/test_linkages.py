@@ -218,7 +218,7 @@ def test_cases_share_their_couplings():
 
     first, same, other = geared(0.5), geared(0.5).with_payload(1.0, link="tool0"), geared(1.5)
     assert rne.control.MomentumObserver(first, cases=[same]).cases == (same,)
-    with pytest.raises(ValueError, match="alone, not in couplings"):
+    with pytest.raises(ValueError, match="only in masses, centres of mass and inertias, not in couplings"):
         rne.control.MomentumObserver(first, cases=[other])
 
 

@@ -14,9 +14,10 @@ from ..basics.docstrings import describe_parameters
 from ..basics.inertia import PARAMETERS, dual_of_gradient, parameters_of_pseudo_inertia, pseudo_inertia
 from ..basics.spatial import Array, transpose, zeros
 from ..basics.text import summary
-from ..elementwise import maximum, minimum, tanh
+from ..elementwise import clip, tanh
 from ..model.friction_laws import SMOOTHING
 from ..robot import Robot
+from .impulses import largest
 from .laws import STATES, Reference, check_reference, checked_vectors, composite_error, model_torques, of_robot
 
 FADING = 0.1  # width of the margin below a torque limit in which adaptation slows down, relative to the limit
@@ -29,8 +30,19 @@ ROWS, COLUMNS = np.triu_indices(4)
 class Adaptive:
     """Adaptive tracking control after Slotine and Li, made by `adaptive`; attributes are its arguments.
 
-    A body is estimated by its pseudo-inertia P = L (1 + Z) L^T, where P0 = L L^T is that of the model; the states are
-    the upper triangles of Z, then the relative changes of the friction coefficients.
+    A body is estimated by its pseudo-inertia P = L (1 + Z) L^T, where P0 = L L^T is the model's; the states are the
+    upper triangles of Z, then the relative changes of the friction coefficients.
+
+    Examples
+    --------
+    >>> import numpy as np, rne
+    >>> robot, path = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
+    >>> law = rne.control.adaptive(robot, 20, 10, path, bodies=["joint_6"], viscous=2)
+    >>> start = np.zeros(law.states)  # the states of the robot's own parameters
+    >>> np.array_equal(law.parameters(start), robot.parameters), bool(abs(law.distance(start, robot)) < 1e-12)
+    (True, True)
+    >>> law.friction(start)[0].tolist()
+    [2.0, 2.0, 2.0, 2.0, 2.0, 2.0]
     """
 
     robot: Robot
@@ -59,7 +71,7 @@ class Adaptive:
 
     @cached_property
     def _columns(self) -> Array:
-        """Column indices of the adapted parameters among those of all bodies."""
+        """Column indices of the adapted parameters among the parameters of all bodies."""
         places = np.array([self.robot.model.moving_joints.index(name) for name in self.bodies], dtype=int)
         return (PARAMETERS * places[:, None] + np.arange(PARAMETERS)).ravel()
 
@@ -104,11 +116,7 @@ class Adaptive:
         """Adaptation rate factor: 1 while all torques are below their limits by a margin, falling to 0 at a limit."""
         if self.effort_limit is None:
             return 1.0
-        used = np.abs(u) / self.effort_limit
-        share: Array = np.asarray(1.0)
-        for joint in range(self.robot.n):
-            share = minimum(share, (1.0 - used[..., joint : joint + 1]) / FADING)
-        return maximum(share, 0.0)
+        return clip((1.0 - largest(u / self.effort_limit, -1)) / FADING, 0.0, 1.0)
 
     def parameters(self, z: Array) -> Array:
         """Estimated inertial parameters of all bodies.
@@ -117,14 +125,6 @@ class Adaptive:
         -------
         ndarray, shape (..., 10 nb)
             In the order of `Robot.parameters`.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> robot, path = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
-        >>> law = rne.control.adaptive(robot, 20, 10, path, bodies=["joint_6"])
-        >>> np.array_equal(law.parameters(np.zeros(10)), robot.parameters)
-        True
         """
         z = np.asarray(z)
         change = self._L @ self._Z(z) @ transpose(self._L)
@@ -139,14 +139,6 @@ class Adaptive:
         -------
         list of ndarray, shape (..., n)
             [N m s/rad or N s/m; N m or N].
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> robot, path = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
-        >>> law = rne.control.adaptive(robot, 20, 10, path, viscous=2)
-        >>> law.friction(np.zeros(law.states))[0].tolist()
-        [2.0, 2.0, 2.0, 2.0, 2.0, 2.0]
         """
         first, n = PARAMETERS * len(self.bodies), self.robot.n
         places = (np.asarray(z)[..., first + k * n : first + (k + 1) * n] for k in range(len(self._frictions)))
@@ -155,8 +147,8 @@ class Adaptive:
     def distance(self, z: Array, robot: Robot) -> Array:
         """Distance of the adapted bodies' estimates from a robot's parameters, as it enters the Lyapunov function.
 
-        V = s^T M s / 2 + distance / gain does not grow while the scene is that robot, its other bodies are those of the
-        model, there is no friction and none is adapted, and no torque is above 90 % of its limit.
+        V = s^T M s / 2 + distance / gain does not grow while that robot moves, its other bodies are the model's, there
+        is no friction and none is adapted, and no torque is above 90 % of its limit.
 
         Parameters
         ----------
@@ -166,21 +158,13 @@ class Adaptive:
         Returns
         -------
         ndarray, shape (...)
-            Of consistent estimates the log-det divergence of the pseudo-inertias, log det(P_hat P^-1) + tr(P_hat^-1 P)
+            For consistent estimates the log-det divergence of the pseudo-inertias, log det(P_hat P^-1) + tr(P_hat^-1 P)
             - 4 summed over the bodies; otherwise half the squared norm of their differences, relative to the start.
 
         Raises
         ------
         ValueError
             If `robot` has other joints.
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> robot, path = rne.load("irb140"), rne.trajectories.quintic([0] * 6, [1] * 6, 2.0)
-        >>> law = rne.control.adaptive(robot, 20, 10, path, consistent=True)
-        >>> bool(abs(law.distance(np.zeros(law.states), robot)) < 1e-12)
-        True
         """
         joints = self.robot.model.moving_joints
         if robot.model.moving_joints != joints:
@@ -253,10 +237,10 @@ def adaptive(
 
     Notes
     -----
-    Slotine and Li 1987. The metric of the parameters is that of the pseudo-inertias P at the start, P0: with S from Y^T
+    Slotine and Li 1987, with the metric of the pseudo-inertias P at the start, P0, for the parameters: with S from Y^T
     s, dP/dt = -gain P0 S P0, which is a constant Gamma; the consistent law is dP/dt = -gain P S P, Lee, Kwon and Park
     2018. Both make V = s^T M s / 2 + distance / gain fall, V' = -s^T Kd s, so that the tracking error goes to zero for
-    any gains, if the robot that moves differs from the model in the parameters that are adapted alone. With
+    any gains, if the robot that moves differs from the model only in the parameters that are adapted. With
     `effort_limit` this holds while every torque is below 90 % of its limit; beyond, adaptation slows down and V may
     grow. The proof fails with saturated drives, by which the estimates of the consistent law can grow without bound in
     finite time if `effort_limit` is not given; with friction or disturbances that are not modelled, which let estimates

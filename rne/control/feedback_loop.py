@@ -221,7 +221,7 @@ class LinearisedLoop(InNotebooks):
     ----------
     loop : FeedbackLoop
         The loop in numbers, without states of the law that nothing depends on, such as the integrals of a PID with
-        `ki` = 0. Where the loop has a kink at the target, as abs has, it is that of its least stable side.
+        `ki` = 0. Where the loop has a kink at the target, as abs has, it is linearised on the least stable side.
     windows : tuple of Window
         Sample times with the scene's delay, 0 for continuous time: tuples (start, end, verdict), "stable", "unstable"
         or "undecided" [s].
@@ -238,7 +238,7 @@ class LinearisedLoop(InNotebooks):
     has_smoothed_friction : bool
         True if Coulomb friction counts as damping, by `coulomb` / `smoothing` at rest and less in larger motions.
     is_of_link : bool
-        True if the law holds a link alone, as `rne.control.impedance` does without `posture`.
+        True if the law holds only a link, as `rne.control.impedance` does without `posture`.
     is_discrete : bool
         True if the loop has states of a discrete law.
 

@@ -185,12 +185,12 @@ def check_gains(
 def bounded(robot: Robot, kp: Array, kd: Array, bounds: Bounds, limit: float) -> tuple[float, float, tuple[str, ...]]:
     """Gravity's stiffness, sample-time limit and what bounds prove of both; without one, nothing is stable."""
     if bounds.joint_names != robot.joint_names:
-        names = (listed(x.joint_names) for x in (bounds, robot))
-        raise ValueError("`bounds` must be of the robot, with the joints {1}; got those of one with {0}".format(*names))
+        own, theirs = listed(robot.joint_names), listed(bounds.joint_names)
+        raise ValueError(f"`bounds` must be of the robot, with the joints {own}, got bounds of one with {theirs}")
     if robot.model not in bounds.models:
         raise ValueError(
             "`bounds` must be of this very robot, with its masses, gravity and limits, or have it at an end of their "
-            "ranges of masses; got those of another model: call robot.bounds again"
+            "ranges of masses, got bounds of another model: call robot.bounds again"
         )
     gravity, inertia, (lower, upper) = bounds.gravity_stiffness, bounds.mass_eigenvalues, workspace(robot)
     if gravity is None or not (bounds.circle | (bounds.lower <= lower) & (upper <= bounds.upper)).all():

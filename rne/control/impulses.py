@@ -18,10 +18,11 @@ from ..dynamics.energy import lagrangian_derivatives
 from ..elementwise import less, maximum, where
 from ..model.friction_laws import magnitude
 from ..robot import Robot
+from .laws import under_load
 
 IMPULSE_ERROR = 1e-10  # error of momenta and impulses relative to them, above rounding and a solver's errors
 
-Bodies = Sequence[tuple[Robot, Array | None]]  # robots, and inertial parameters in place of their own
+Bodies = Sequence[tuple[Robot, Array | None]]  # robots, and inertial parameters instead of their own
 
 
 class Sample(NamedTuple):
@@ -57,12 +58,12 @@ class FrictionModel(NamedTuple):
         f = self.friction
         if f is None:
             return 0.0 * qd
-        if "load" not in getattr(f, "losses", ()):
+        if not under_load(f):
             return np.asarray(f.torque(self.robot.model, qd))
         return np.asarray(tau - f.transmitted(tau - f.torque(self.robot.model, qd, np.zeros(qd.shape)), qd))
 
     def held(self, rates: tuple[Array, Array, Array], tau: Array, step: float) -> tuple[Array, Array]:
-        """Impulses of torques that are held, less those of friction, and bounds of their errors."""
+        """Impulses of held torques minus the impulses of friction, and bounds of their errors."""
         first, last, halfway = (self.torque(qd, tau) for qd in rates)
         slowed, bound = simpson(first, halfway, last, step)
         if self.error:

@@ -1,4 +1,4 @@
-"""Published figures of hobby servos: those of the arms SO-100 and SO-101."""
+"""Published figures of the hobby servos of the arms SO-100 and SO-101."""
 
 from __future__ import annotations
 
@@ -38,8 +38,9 @@ class ServoFigures(NamedTuple):
     Examples
     --------
     >>> import rne
-    >>> round(rne.control.servo_figures("sts3215-12v").no_load_speed, 2)
-    4.72
+    >>> figures, arm = rne.control.servo_figures("sts3215-12v"), rne.load("irb140").locked({"joint_6": 0})
+    >>> round(figures.no_load_speed, 2), figures.law(arm, p=32).kp[0].round(1).item()
+    (4.72, 15.5)
     """
 
     stall_torque: float
@@ -72,13 +73,6 @@ class ServoFigures(NamedTuple):
         ------
         ValueError
             If the reference has the wrong shape or is not finite, or `p` is not positive.
-
-        Examples
-        --------
-        >>> import rne
-        >>> arm = rne.load("irb140").locked({"joint_5": 0, "joint_6": 0})
-        >>> rne.control.servo_figures("sts3215-7.4v").law(arm, p=32).kp[0].round(1).item()
-        10.2
         """
         kp = positive_number("p", p) * self.gain * self.stall_torque
         return servo(robot, kp, 0.0, reference, stall_torque=self.stall_torque, no_load_speed=self.no_load_speed)

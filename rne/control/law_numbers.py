@@ -1,8 +1,8 @@
 """The numbers of a control law by name, and the law with others: fields of dataclasses, attributes, cells, defaults.
 
 A number is a float, or an array of floats of at most two axes. It may be replaced by traced numbers, so that a law of
-other numbers needs no other program. Robots, references and what a law calls keep theirs, but for frictions. A motion
-through samples is a table beside the program, and its samples are a number.
+other numbers needs no other program. Robots, references and functions that a law calls keep their numbers; frictions
+do not. A motion through samples is a table apart from the program, and its samples are a number.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def parts_of(law: Any) -> dict[str, Any]:
 
 
 def numbers_of(law: Any) -> Numbers:
-    """Numerical parameters of a law by name, "kp", and those of its parts, "feedforward.viscous"."""
+    """Numerical parameters of a law by name, such as "kp", and of its parts, such as "feedforward.viscous"."""
     found: Numbers = {}
     constants = {f.name for f in fields(law) if f.metadata == CONSTANT} if is_dataclass(law) else ()
     for name, part in parts_of(law).items():

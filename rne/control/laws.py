@@ -34,7 +34,7 @@ def traceable(law: F) -> F:
     ----------
     law : callable
         A function f(t, q, qd) -> torques, for one state: t a number, arrays of shape (n,). With an attribute `states`,
-        f(t, q, qd, z) -> (torques, dz/dt), or, where `discrete` is True besides, (torques, z at the next sample). It
+        f(t, q, qd, z) -> (torques, dz/dt), or, where `discrete` is True too, (torques, z at the next sample). It
         may call methods of a Robot. A law with memory, noise, tables or branches on values (use
         `rne.elementwise.where`) cannot be traced: it is called all the same, and a line on the logger "rne" says why.
         A law that is not marked is called. Or a function of some of q, qd, qdd, qdr, qddr and tau, for
@@ -84,7 +84,6 @@ def checked_vectors(
     robot: Robot, *, sign: Literal["any", "not negative", "positive"] = "any", **values: ArrayLike
 ) -> list[Array]:
     """Read-only arrays with one number per joint, or an error that names the argument."""
-    robot_argument(robot)
     return [per_joint_array(name, value, robot.n, sign=sign) for name, value in values.items()]
 
 
@@ -118,6 +117,14 @@ def check_reference(robot: Robot, reference: Any) -> None:
         raise ValueError(f"`reference` must be a function of time, got {type(reference).__name__}")
     check_function("reference", reference, "(t)")
     reference_values(robot, reference(0.0))
+
+
+def held_or_moving(robot: Robot, reference: Any) -> Array | Reference:
+    """Positions to hold as an array, or a reference motion."""
+    if not callable(reference):
+        return per_joint_array("reference", reference, robot.n)
+    check_reference(robot, reference)
+    return cast(Reference, reference)
 
 
 def reference_values(robot: Robot, given: Any) -> tuple[Any, Any, Any]:
@@ -212,7 +219,7 @@ def pd(robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: ArrayLike | Refere
     >>> rne.control.pd(rne.load("irb140"), 50, 20, [1] * 6)(0.0, [0] * 6, [0] * 6)[0].item()
     50.0
     """
-    return _pd(robot, kp, kd, reference, gravity=0.0)
+    return pd_gravity(robot, kp, kd, reference, scale=0.0)
 
 
 @of_robot
@@ -227,7 +234,7 @@ def pd_gravity(
 ) -> PD:
     """PD control with gravity compensation: u = g(q) - Kp (q - q_ref) - Kd (qd - qd_ref).
 
-    With kp = 0 it is gravity compensation alone: the arm can be led by hand.
+    With kp = 0 it only compensates gravity: the arm can be led by hand.
 
     Parameters
     ----------
@@ -240,7 +247,7 @@ def pd_gravity(
     scale : float
         Share of the gravity torques that is supplied; on a real arm begin below 1.
     feedforward : Friction, optional
-        Its torques at the reference's velocities are supplied, as of `Identification.friction`.
+        Friction whose torques at the reference's velocities are added, such as `Identification.friction`.
 
     Returns
     -------
@@ -265,18 +272,9 @@ def pd_gravity(
     True
     """
     share = positive_number("scale", scale, zero_allowed=True)
-    return _pd(robot, kp, kd, reference, gravity=share, feedforward=feedforward)
-
-
-def _pd(
-    robot: Robot, kp: ArrayLike, kd: ArrayLike, reference: Any, *, gravity: float, feedforward: HasTorque | None = None
-) -> PD:
     check_feedforward(robot, feedforward)
     p, d = checked_vectors(robot, sign="not negative", kp=kp, kd=kd)
-    if callable(reference):
-        check_reference(robot, reference)
-        return PD(robot, p, d, reference, gravity, feedforward)
-    return PD(robot, p, d, per_joint_array("reference", reference, robot.n), gravity, feedforward)
+    return PD(robot, p, d, held_or_moving(robot, reference), share, feedforward)
 
 
 def check_feedforward(robot: Robot, feedforward: Any) -> None:
@@ -412,10 +410,9 @@ def computed_torque(
     kp, kd : float or array_like, shape (n,)
         Gains of the error, not negative, which then obeys e'' + Kd e' + Kp e = 0 [1/s^2, 1/s].
     reference : callable
-        A function f(t) -> (q, qd, qdd); `rne.trajectories` has motions from rest to rest, and
-        splines through samples.
+        A function f(t) -> (q, qd, qdd); `rne.trajectories` has motions from rest to rest, and splines through samples.
     feedforward : Friction, optional
-        Its torques at the reference's velocities are supplied, as of `Identification.friction`.
+        Friction whose torques at the reference's velocities are added, such as `Identification.friction`.
 
     Returns
     -------

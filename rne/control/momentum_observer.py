@@ -101,7 +101,7 @@ class Residuals(InNotebooks):
         names = ", ".join(
             short(name) for name, is_beyond in zip(self.joints, self.exceeds[k], strict=True) if is_beyond
         )
-        what = f"a payload of {self.payload_mass:.3g} kg explains {self.payload_share:.0%} of what follows"
+        what = f"a payload of {self.payload_mass:.3g} kg explains {self.payload_share:.0%} of the following residuals"
         return f"{(self.kind or '').capitalize()} at {self.first_contact:.4g} s, first seen by {names}; {what}"
 
 
@@ -118,27 +118,28 @@ class MomentumObserver:
     friction : Friction, optional
         Friction of the model.
     cases : sequence of Robot, optional
-        Robots between which the real one lies; they differ from the model in their bodies' parameters alone.
+        Robots between which the real one lies; they differ from the model only in their bodies' parameters.
     friction_error : float
-        By which share the friction may differ from the model's.
+        Largest relative difference of the friction from the model's.
     floor : float or array_like, shape (n,)
         Added to the thresholds, for noise and for the errors of a solver [N m or N].
 
     Raises
     ------
     TypeError
-        If a robot is none, or `friction` is no Friction.
+        If `robot` or a case is no Robot, or `friction` is no Friction.
     ValueError
         If a case has other joints or another gravity, or a number is out of its range.
 
     Notes
     -----
     De Luca and Mattone 2003; Haddadin, De Luca and Albu-Schaeffer 2017, (32). Between samples external torques are the
-    change of M qd less the integral of tau + C^T qd - g - friction: by Simpson's rule, halfway on the cubic polynomial
-    through both states, and of torques that are not held by the trapezoidal one; the filter is bilinear. Thresholds
-    are at each instant the largest difference of a case's residual from the model's, the filtered uncertainty of
-    friction and a bound of the rules' errors: how far Simpson's rule is from the trapezoidal one, now or one interval
-    ago, and a sixth of the torques' second differences. It is some 0.01 N m at 100 Hz and 0.0001 N m at 1 kHz.
+    change of M qd minus the integral of tau + C^T qd - g - friction: by Simpson's rule, halfway on the cubic polynomial
+    through both states; torques that are not held are integrated by the trapezoidal rule, and the filter is bilinear.
+    A threshold is the sum of the largest difference of a case's residual from the model's, the filtered uncertainty of
+    friction and a bound of the integration errors: the difference of Simpson's and the trapezoidal rule, now or one
+    interval ago, and a sixth of the torques' second differences. This bound is about 0.01 N m at 100 Hz and 0.0001 N m
+    at 1 kHz.
 
     If the real robot is a mixture of the cases and the model, samples have no noise, and torques are held or smooth
     from sample to sample, no residual without a contact exceeds them. Noise, a solver's errors and torques that jump
@@ -183,7 +184,7 @@ class MomentumObserver:
         object.__setattr__(self, "floor", per_joint_array("floor", self.floor, self.robot.n, sign="not negative"))
 
     def observe(self, t: ArrayLike, q: ArrayLike, qd: ArrayLike, tau: ArrayLike, *, held: bool = False) -> Residuals:
-        """External torques along samples, such as those of a Record or a Trajectory.
+        """External torques along samples, such as a Record's or a Trajectory's.
 
         Parameters
         ----------
@@ -276,8 +277,8 @@ class MomentumObserver:
     ) -> ObserverLaw:
         """A discrete control law with states that observes contacts: in scenes, steppers, and on a controller in C.
 
-        It gives the torques of `law` until the first contact, and those of `reaction` from then on. Without a reaction
-        it only observes. Residuals, thresholds and the first contact are those of `observe` with ``held=True``.
+        It gives the torques of `law` until the first contact, and the torques of `reaction` from then on. Without a
+        reaction it only observes. Residuals, thresholds and contacts equal those of `observe` with ``held=True``.
 
         Parameters
         ----------

@@ -59,7 +59,7 @@ def no_torques(t: float, q: Array, qd: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Observing:
-    """A control law that observes joint momenta; its torques are those of another law."""
+    """A control law that observes joint momenta, with the torques of another law."""
 
     observer: Any
     law: Callable[..., Any]
@@ -180,7 +180,7 @@ class Observing:
 class ObserverLaw(Observing):
     """A control law that observes contacts, made by `MomentumObserver.law`: from a contact on, the reaction acts.
 
-    The states say what was seen up to the call that returned them: `Trajectory.controller_state` at a sample is what
+    The states hold what was seen up to the call that returned them: `Trajectory.controller_state` at a sample is what
     was known before it.
 
     Attributes
@@ -228,7 +228,7 @@ class ObserverLaw(Observing):
         return where(hit, reacting, torques)
 
     def residuals(self, z: ArrayLike) -> Array:
-        """External torques behind the filter, and errors of the model.
+        """Residuals: filtered external torques, and errors of the model.
 
         Returns
         -------
@@ -273,11 +273,12 @@ class GuardedLaw:
 
     Examples
     --------
-    >>> import rne
+    >>> import numpy as np, rne
     >>> arm = rne.load("irb140")
-    >>> law = rne.control.pd_gravity(arm, 400, 40, [0.5] * 6)
-    >>> rne.control.MomentumObserver(arm).watching(law, law, 1e-3).sample_time
-    0.001
+    >>> watched = rne.control.MomentumObserver(arm).watching(lambda t, q, qd: -9 * q, print, 0.01)
+    >>> watched.delivered(np.clip(watched(0.0, np.ones(6), np.zeros(6)), -5, 5))
+    >>> watched.contact is None
+    True
     """
 
     observer: Any
@@ -326,13 +327,6 @@ class GuardedLaw:
         ----------
         torque : ndarray, shape (n,)
             [N m or N].
-
-        Examples
-        --------
-        >>> import numpy as np, rne
-        >>> arm = rne.load("irb140")
-        >>> watched = rne.control.MomentumObserver(arm).watching(lambda t, q, qd: -9 * q, print, 0.01)
-        >>> watched.delivered(np.clip(watched(0.0, np.ones(6), np.zeros(6)), -5, 5))
         """
         for name, values in self._observing._acting({"commands": self._commands}, torque).items():
             self._z[self._observing.places[name]] = values

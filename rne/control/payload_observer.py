@@ -1,7 +1,8 @@
 """A payload from positions, velocities and torques on a controller: recursive least squares without accelerations.
 
-Torques are linear in the inertial parameters of the payload, and so are its impulses between samples. Behind the filter
-of the momentum observer r = H x, with the model's residuals r, and H those of a payload of unit parameters.
+Torques are linear in the inertial parameters x of the payload, and so are its impulses between samples. After the
+filter of the momentum observer r = H x, with the model's residuals r and the residuals H of a payload of unit
+parameters.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ SAME = 1e-9  # tolerance of equal angles, and of distances relative to the robot
 class PayloadObserver(Observing):
     """A control law that estimates a payload, made by `payload_observer`; attributes are its arguments.
 
-    Its `observer` is that of the model; `earlier` commands are remembered, as torques act late. The states say what was
+    Its `observer` is the model's; `earlier` commands are remembered, as torques act late. The states hold what was
     known after the call that returned them.
 
     Examples
@@ -67,7 +68,7 @@ class PayloadObserver(Observing):
 
     @cached_property
     def _parameters(self) -> Array:
-        """Inertial parameters of all bodies, (10, 10 nb), by those of a payload in the link's frame."""
+        """Inertial parameters of all bodies per unit of each of a payload's in the link's frame, (10, 10 nb)."""
         model = self.robot.model
         k = model.link_index(self.link)
         body, pose = model.link_body[k], np.eye(4)
@@ -107,7 +108,7 @@ class PayloadObserver(Observing):
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """Parameters of the payload that no motion determines alone."""
+        """Parameters of the payload that no motion determines, except in sums with others."""
         return tuple(name for name in NAMES if name not in self.formulas)
 
     @cached_property
@@ -130,7 +131,7 @@ class PayloadObserver(Observing):
     def _learned(self, old: States, filtered: Array, bounds: Array) -> States:
         """Least squares of r = H x with weights forgetting^age, and the prior, which is not forgotten."""
         r, H = filtered[..., 0, :, None], filtered[..., 1:, :]
-        # what is behind a filter of 1 / gain counts once in two of these times
+        # values filtered with the time constant 1 / gain are independent after about two time constants
         weights = minimum(1.0, self.observer.gain * self.sample_time / 2) / self.noise**2
         count, scales = H.shape[-2], self._scales[self._combinations[0]]
         upper = np.triu_indices(count)
@@ -160,7 +161,7 @@ class PayloadObserver(Observing):
         Returns
         -------
         ndarray, shape (..., count)
-            In the order of `names` [kg, kg m, kg m^2]; those of the prior before the first sample.
+            In the order of `names` [kg, kg m, kg m^2]; the prior's before the first sample.
         """
         started = self._read(z, "started") > 0
         return np.where(started, np.sqrt(self._read(z, "variances")), self._scales[self._combinations[0]])
@@ -228,9 +229,9 @@ def payload_observer(
     gain : float
         Bandwidth of the filter of torques and regressor [1/s].
     forgetting : float
-        By which factor weights fall from sample to sample: 1 / (1 - forgetting) samples count; 1 for all.
+        Factor of the weights from sample to sample: about 1 / (1 - forgetting) samples count; 1 for all.
     noise : float or array_like, shape (n,)
-        Standard deviation of the filtered torques' errors, those of the model included [N m or N].
+        Standard deviation of the filtered torques' errors, including the model's [N m or N].
     prior : tuple of float
         Standard deviation of the mass before any sample [kg], and the distance from the link's origin within which it
         is expected [m]. It is not forgotten: without excitation estimates return to zero, and do not drift.
@@ -250,9 +251,9 @@ def payload_observer(
     Notes
     -----
     Ljung 1999, section 11.2, in the form of the information matrix: R = sum of forgetting^age H^T W H, and estimates
-    (R + P0^-1)^-1 (sum of forgetting^age H^T W r). The regressor H is that of impulses between samples by Simpson's
-    rule, behind the bilinear filter of `MomentumObserver`. Where torques depend on fewer than ten combinations of the
-    payload's parameters, those are estimated: see `PayloadObserver.formulas`.
+    (R + P0^-1)^-1 (sum of forgetting^age H^T W r). The regressor H has the impulses between samples by Simpson's rule,
+    after the bilinear filter of `MomentumObserver`. Where torques depend on fewer than ten combinations of the
+    payload's parameters, these are estimated: see `PayloadObserver.formulas`.
 
     Examples
     --------

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +13,7 @@ from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import maximum
 from ..robot import Robot
+from .impulses import largest
 from .laws import Reference, check_reference, checked_vectors, composite_error, model_torques, of_robot
 from .uncertainty import Cases, checked_cases
 
@@ -105,10 +105,10 @@ def robust(robot: Robot, bandwidth: ArrayLike, boundary: ArrayLike, reference: R
     Siciliano et al. 2009, section 8.5.4, with Q such that z = D^T Q xi is s in scaled coordinates, and with one change:
     there w is multiplied by the model's M, which requires |1 - M^-1 M_hat| < 1. A payload that outweighs the wrist
     breaks this for every mass that a model can have in between. Here w is a torque. M^-1 is positive definite, so that
-    rho >= lambda_max(D M D) |(D M D)^-1 D f| suffices, f being the torque that the model is short of. Then a motion
-    from a start with |z| <= 1 and |e_i| <= boundary_i / bandwidth_i keeps both. The second condition is needed because
-    the layer bounds s alone: a larger e decays towards this bound, if rho holds there too. This assumes drives that are
-    not saturated, a law that is not sampled, and that rho bounds what is not modelled as well, such as friction.
+    rho >= lambda_max(D M D) |(D M D)^-1 D f| suffices, f being the error of the model's torque. Then a motion from a
+    start with |z| <= 1 and |e_i| <= boundary_i / bandwidth_i keeps both. The second condition is needed because the
+    layer bounds only s: a larger e decays towards this bound, if rho holds there too. This assumes drives that are not
+    saturated, a law that is not sampled, and that rho also bounds what is not modelled, such as friction.
 
     Examples
     --------
@@ -194,8 +194,8 @@ def robust_passive(
     bound tight. V = s^T M s / 2 obeys V' <= -s^T Kd s + boundary / 4 <= -2 V / m + boundary / 4, m being the largest
     eigenvalue of Kd^-1/2 M Kd^-1/2; hence in the end s_i^2 <= m boundary / 4 (M^-1)_ii, from which `error_bound`
     follows. m and M^-1 are bounded over the joints' ranges with proof (`rne.Robot.bounds`) where that succeeds within
-    10 % and 3 units of work; elsewhere 10 % more than what a search attains is an assumption. So is that nothing but
-    these parameters is unknown, that the drives are not saturated and that the law is not sampled.
+    10 % and 3 units of work; otherwise the bounds are assumed to be 10 % above the values found by a search. It is also
+    assumed that only these parameters are unknown, that the drives are not saturated and that the law is not sampled.
 
     Examples
     --------
@@ -227,8 +227,7 @@ class SlidingMode(RobustLaw):
         missing = self.boundary[:, None] * (Y @ self.cases.deviations)  # D Y (pi_k - pi_0) of each case
         squares = (missing * missing).sum(-2)
         # k >= |D Y (pi - pi_0)| of every mixture, for norms are convex; Slotine and Li 1991, section 9.1
-        columns = (squares[..., case : case + 1] for case in range(squares.shape[-1]))
-        k = np.sqrt(reduce(maximum, columns, np.asarray(SMALLEST))) + self.reaching
+        k = np.sqrt(maximum(largest(squares, -1), SMALLEST)) + self.reaching
         u = model_torques(self.robot, Y, self.robot.parameters, qddr)
         return np.asarray(u - k * saturated_direction(s / self.boundary, 1.0) / self.boundary)
 
@@ -270,10 +269,8 @@ def sliding_mode(
     -----
     Slotine and Li 1991, section 9.1, with one layer for all joints. k = max |D Y (pi_k - pi_0)| + reaching over the
     cases k bounds every mixture of them exactly. s^T M s falls outside the layer, hence in the end s^T M s <= m, the
-    largest eigenvalue of D M D, and s_i^2 <= m (M^-1)_ii, from which `error_bound` follows; m and M^-1 are bounded over
-    the joints' ranges with proof (`rne.Robot.bounds`) where that succeeds within 10 % and 3 units of work; elsewhere
-    10 % more than what a search attains is an assumption. So is that nothing but these parameters is unknown, that the
-    drives are not saturated and that the law is not sampled.
+    largest eigenvalue of D M D, and s_i^2 <= m (M^-1)_ii, from which `error_bound` follows; bounds of m and M^-1, and
+    what is assumed, as for `robust_passive`.
 
     Examples
     --------

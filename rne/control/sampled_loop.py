@@ -1,7 +1,7 @@
 """Sample times at which a PD loop is stable in one configuration: in closed form, or proven for coupled modes.
 
 M e'' = -G (e - e_k) - Kp e_k - Kd v_k holds from sample k to the next: e is the deviation from the reference, v its
-rate, G = dg/dq, and torques are held, those that compensate gravity included. In the modes of gravity alone, e = V x
+rate, G = dg/dq, and torques are held, including gravity compensation. In the modes of gravity without gains, e = V x
 with V^T M V = 1 and V^T G V = diag(w), this is x'' = -w x + (w - P) x_k - D v_k, P = V^T Kp V, D = V^T Kd V. Hence
 
     (x, v)_k+1 = Phi(T) (x, v)_k,  Phi(T) = 1 + integral_0^T exp(F t) dt A,  F = [0 1; -w 0],  A = [0 1; -P -D]
@@ -38,7 +38,7 @@ def first_unstable_time(w: Array, P: Array, D: Array) -> Array:
 
     With omega = sqrt(w) and y = omega T / 2 it is stable exactly if sin y (D omega cos y - (P - w) sin y) > 0 and
     cos y (omega cos y - D sin y) > 0, or, inverted, tanh |y| < D |omega| / (P - w) and tanh |y| < |omega| / D: Jury's
-    criterion (Åström and Wittenmark 1997, section 3.2), which asks for P > 0 besides.
+    criterion (Åström and Wittenmark 1997, section 3.2), which also requires P > 0.
     """
     omega = np.sqrt(np.abs(w))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -156,7 +156,7 @@ class CoupledModes:
         step = rate * half[:, None]
         least, largest = outside_circle(z, step)
         constant = _dominant(h * np.abs(X), residual, np.where(largest < 0, -largest, least))
-        k = least.argmax(axis=-1)[:, None]  # the least stable eigenvalue may stay in a circle of its own, outside
+        k = least.argmax(axis=-1)[:, None]  # the least stable eigenvalue may stay in a separate circle, outside
         own, apart = np.arange(len(self.one)) == k, [np.abs(x - np.take_along_axis(x, k, axis=-1)) for x in (z, step)]
         distance = np.where(own, np.inf, apart[0] - apart[1])
         radius = np.minimum(least.max(axis=-1), distance.min(axis=-1) / 2)[:, None]
@@ -213,7 +213,7 @@ def outside_circle(z: Array, step: Array) -> tuple[Array, Array]:
 
 
 def _basis(K: Array) -> Array:
-    """Eigenvectors as columns, shape (..., 2 m, 2 m), those of close eigenvalues orthonormal."""
+    """Eigenvectors as columns, shape (..., 2 m, 2 m); for close eigenvalues they are orthonormal."""
     z, V = np.linalg.eig(K)
     z, V, size = z.astype(complex), V.astype(complex), np.abs(z)
     for j in range(z.shape[-1]):

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import UNBOUNDED, convert_numbers, per_joint_array
+from ..basics.arrays import UNBOUNDED, convert_numbers
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip, less, where
 from ..graph.scalar import is_present
 from ..robot import Robot
-from .laws import Reference, check_reference, checked_vectors, of_robot, reference_values
+from .laws import Reference, checked_vectors, held_or_moving, of_robot, reference_values
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,21 +104,21 @@ def servo(
 
     Notes
     -----
-    The loop sets the voltage of a DC motor whose inductance is neglected. The torque is that of the voltage, Kp e - Kd
-    qd within the stall torque, less that of the back EMF, which is proportional to speed. Under full voltage it falls
+    The loop sets the voltage of a DC motor whose inductance is neglected. The voltage gives the torque Kp e - Kd qd
+    within the stall torque, which the back EMF reduces in proportion to speed. Under full voltage the torque falls
     linearly to 0 at the no-load speed. A motor that brakes is driven against its voltage: its back EMF adds to the
-    voltage, so that the torque is not less than at rest, but up to twice as much. A limit of the current is the
-    `effort_limit` of the scene. A servo whose voltage is limited to a share of the supply has that share of both the
-    stall torque and the no-load speed.
+    voltage, so that the torque is up to twice the torque at rest. A limit of the current is the `effort_limit` of the
+    scene. A servo whose voltage is limited to a share of the supply has that share of both the stall torque and the
+    no-load speed.
 
     e is the error, from which the dead band is subtracted: no torque within it, kp (|q_ref - q| - dead_band) beyond.
     The velocity of a reference is not used, as a servo is commanded positions; it has no integral, which these servos
     do not use by default.
 
     In motions the back EMF acts as viscous friction of stall_torque / no_load_speed does. With the `sample_time` of a
-    scene the whole torque is held for a period, the back EMF too. The loop inside of a servo is fast: to hold commands
-    alone, leave `sample_time` out and give a reference of `rne.trajectories.sampled` of kind "hold". Friction of
-    gears, which grows with load, is that of the scene: `rne.Friction` with `load`.
+    scene the whole torque is held for a period, the back EMF too. The loop inside of a servo is fast: to hold only the
+    commands, leave `sample_time` out and give a reference of `rne.trajectories.sampled` of kind "hold". Friction of
+    gears, which grows with load, belongs to the scene: `rne.Friction` with `load`.
 
     Examples
     --------
@@ -131,7 +131,4 @@ def servo(
     limits = {"stall_torque": stall_torque, "no_load_speed": no_load_speed}
     known = {k: np.minimum(convert_numbers(k, x, f"({robot.n},)"), UNBOUNDED) for k, x in limits.items()}
     torque, speed = checked_vectors(robot, sign="positive", **known)
-    if callable(reference):
-        check_reference(robot, reference)
-        return Servo(robot, p, d, reference, band, torque, speed)
-    return Servo(robot, p, d, per_joint_array("reference", reference, robot.n), band, torque, speed)
+    return Servo(robot, p, d, held_or_moving(robot, reference), band, torque, speed)

@@ -1,7 +1,7 @@
 """Control in the task space: impedance of a link, and operational-space control of its motion.
 
 Wrenches and velocities of a link have rotations first, as `Robot.jacobian`. With the pose (R, p) of the link and a
-target (R_d, p_d), stiffnesses K_r and K_t are those of the potential
+target (R_d, p_d), stiffnesses K_r and K_t belong to the potential
 
     V = tr(G (1 - R R_d^T)) + (p - p_d)^T K_t (p - p_d) / 2,  G = tr(K_r) / 2 - K_r,
 
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import check_function, real_array
+from ..basics.arrays import check_function, per_joint_array, real_array
 from ..basics.spatial import Array, rotate, symmetric, transpose, zeros
 from ..basics.text import summary
 from ..robot import Robot, rows_argument
@@ -59,7 +59,7 @@ class Impedance:
         return with_posture(self, torques, t, q, qd)
 
     def potential_energy(self, t: float, q: ArrayLike) -> Array:
-        """Energy in the springs, those of the posture included.
+        """Energy in the springs of link and posture.
 
         Parameters
         ----------
@@ -93,7 +93,7 @@ class Impedance:
 
 
 def with_posture(law: Any, torques: Array, t: float, q: Array, qd: Array, rows: Any = None) -> Array:
-    """Torques with those of the posture, projected into the null space of the task if the law says so."""
+    """Torques plus the posture's, which are projected into the null space of the task if `law.projector` is True."""
     if law.posture is None:
         return torques
     held = law.posture(t, q, qd)
@@ -170,10 +170,7 @@ def task_matrix(name: str, value: ArrayLike, *, blocks: bool) -> Array:
 
 
 def critical_damping(stiffness: Array, inertia: Array) -> Array:
-    """Damping that is critical in every mode of an inertia with a stiffness, shape (6, 6).
-
-    With K = Q diag(w^2) Q^T and Lambda = Q Q^T it is 2 Q diag(w) Q^T (Albu-Schäffer et al. 2003, section III).
-    """
+    """Damping 2 Q diag(w) Q^T, critical in every mode, for K = Q diag(w^2) Q^T and Lambda = Q Q^T, shape (6, 6)."""
     from scipy.linalg import eigh
 
     w2, V = eigh(stiffness, inertia)
@@ -235,13 +232,13 @@ def impedance(
         If an argument has the wrong shape, is not finite or is negative, there is no such link or axes, or damping is
         "critical" without inertia and posture.
     SingularMassMatrixError
-        If the inertia for critical damping is that of a singular pose; the law itself needs none.
+        If critical damping needs the inertia of a singular pose; the law itself needs no inertia.
 
     Notes
     -----
-    Hogan 1985; the potential is in the heading of ``rne/control/task_space.py``. Critical damping is that of
-    Albu-Schäffer et al. 2003, section III: where both Lambda = Q Q^T, the task inertia, and K = Q diag(w^2) Q^T, it is
-    D = 2 Q diag(w) Q^T. The ratio is 1 in the pose of the inertia; in others it differs, since D stays as it is.
+    Hogan 1985; the potential is in the heading of ``rne/control/task_space.py``. Critical damping follows
+    Albu-Schäffer et al. 2003, section III: with the task inertia Lambda = Q Q^T and K = Q diag(w^2) Q^T it is D = 2 Q
+    diag(w) Q^T. The ratio is 1 in the pose of the inertia; in other poses it differs, since D is constant.
 
     Examples
     --------
@@ -366,8 +363,8 @@ def operational_space(
 
     Notes
     -----
-    Khatib 1987, (45). Near singular poses torques grow without bound; where M or the pose is singular it raises a
-    SingularMassMatrixError, which names the direction.
+    Khatib 1987, (45). Near singular poses torques grow without bound; where M or the pose is singular the law raises a
+    SingularMassMatrixError with the lost direction.
 
     Examples
     --------
@@ -382,9 +379,5 @@ def operational_space(
     check_function("reference", reference, "(t)")
     motion_values(reference(0.0))
     chosen = rows_argument(rows)
-    gains = {name: np.broadcast_to(x, (len(chosen),)) if np.ndim(x) == 0 else x for name, x in (("kp", kp), ("kd", kd))}
-    p, d = (real_array(name, x, f"({len(chosen)},)").astype(float) for name, x in gains.items())
-    for name, gain in (("kp", p), ("kd", d)):
-        if (gain < 0).any():
-            raise ValueError(f"`{name}` must not be negative, got {gain.tolist()}")
+    p, d = (per_joint_array(name, x, len(chosen), sign="not negative") for name, x in (("kp", kp), ("kd", kd)))
     return OperationalSpace(robot, link, p, d, reference, chosen, posture_argument(robot, posture))

@@ -29,10 +29,7 @@ from .law_numbers import OnRows, law_at, law_with, models_of, motion_of, numbers
 
 
 def check_law(name: str, law: Any) -> None:
-    """Raise a TypeError if a law cannot be called with its arguments, or a ValueError.
-
-    A ValueError if it has no number of states, or is discrete without any.
-    """
+    """Raise an error if a law cannot be called with its arguments, has no number of states, or is discrete without."""
     has_states = hasattr(law, "states") and not isinstance(law, type)
     check_function(name, law, "(t, q, qd, z), as it has `states`" if has_states else "(t, q, qd)")
     if has_states:
@@ -47,7 +44,7 @@ def check_law(name: str, law: Any) -> None:
 
 
 def is_discrete(law: Any) -> bool:
-    """True for a law that returns its states at the next sample in place of their rates."""
+    """True for a law that returns its states at the next sample instead of their rates."""
     return bool(getattr(law, "discrete", False))
 
 
@@ -84,10 +81,7 @@ def is_ours(law: Any) -> bool:
 
 
 def call_law(law: Any, t: Any, x: Array, given: LawInputs) -> tuple[Any, Any]:
-    """The torques that a law returns in a state (q, qd, z), and what it returns for z; None without states.
-
-    For z it returns the rates, or if it is discrete the states at the next sample.
-    """
+    """Torques of a law in a state (q, qd, z), and rates of z, or of a discrete law the next z; None without states."""
     first, last, n = given
     q, qd = x[..., first:last].copy(), x[..., n + first : n + last].copy()  # a law may modify its arguments
     if not hasattr(law, "states"):
@@ -129,10 +123,10 @@ def changed(law: Any) -> None:
 
 
 class TracedLaw(WithNumbers):
-    """A law marked by `rne.traceable`, for the kernels of a scene; equal to that of the same law of the same formula.
+    """A law marked by `rne.traceable`, for the kernels of a scene; laws of the same formula are equal.
 
-    It is given all coordinates of n joints, or those of `given`. A motion through samples that it holds is a `table`
-    of pieces, of which a kernel of the law is given the row that holds at its time, `piece`.
+    It is called with all coordinates of n joints, or with those of `given`. A motion through samples that it holds is a
+    `table` of pieces; a kernel of the law takes the row for its time as the argument `piece`.
     """
 
     changes = 0  # number of calls of `changed`
@@ -189,7 +183,7 @@ class TracedLaw(WithNumbers):
     def known(cls, law: Any, n: int, given: LawInputs, named: frozenset[str], kernels: KernelCache) -> TracedLaw:
         """Law as a key of a scene's kernels: laws of this package that differ only in numbers share one.
 
-        What others read is not all to be seen, so that their formula is compared.
+        Not all that other laws read can be seen, so that their formulas are compared.
         """
         held = parts_of(law) if is_ours(law) else {"": law}
         motion, own = motion_of(law), dict[str, Any]()
@@ -226,7 +220,7 @@ class TracedLaw(WithNumbers):
     def _formula(self, numbers: Mapping[str, Array]) -> tuple[Any, ...] | None:
         """The operations of the torques, with numbers and the quantities of robots as inputs; None if it has none.
 
-        All that a law reads takes part, wherever it is kept. To look there instead would miss some of it.
+        The formula depends on all that a law reads, wherever it is kept; a search of its attributes would miss some.
         """
         graph, law = Graph(8 * LIMIT, outline=True), copy_with(self, numbers=numbers)
         first, last = 1 + self.size, 1 + self.size + len(law.vector)
@@ -244,8 +238,7 @@ class TracedLaw(WithNumbers):
     def __call__(self, t: Any, x: Array) -> tuple[Array, Array | None]:
         """(torques, dz/dt or the next z); times have shape (..., 1).
 
-        The law is called with one state at a time: laws are written so. Numbers of many states are handed over at once
-        if the law takes them so.
+        The law is called with one state at a time, as laws are written for, or with a batch if it gives the same.
         """
         if x.ndim == 1:
             return self._call(np.asarray(t).item(), x, self.piece)
@@ -288,7 +281,7 @@ class TracedLaw(WithNumbers):
 
     @cached_property
     def _takes_batches(self) -> bool:
-        """True if the law gives the same for a batch of states as for each alone."""
+        """True if the law gives the same for a batch of states as for each of them."""
         count = self.n + 1  # a matrix (n, n) times so many states fails
         t, X = self._trials(count)
         try:
@@ -340,7 +333,7 @@ class TracedLaw(WithNumbers):
     def why_not_traced(self, kernels: KernelCache) -> str | None:
         """Reason why the law must be called: it cannot be traced, or its trace differs from calls. None if traced.
 
-        A law that was once compared with its trace is compared no more, and neither are this package's of this formula.
+        Each law is compared with its trace once; of this package's laws one of each formula.
         """
         if self.formula[1] is None:
             return self._why_not_traced(kernels)
@@ -404,7 +397,7 @@ def compiled(law: Any, robot: Robot | None = None, *, engine: str | None = None)
     -------
     Kernel
         Of t, shape (..., 1), and q and qd, shape (..., n), and of z, shape (..., m), for a law with states. It gives
-        torques, and behind them the m rates of the states, or of a discrete law the m states at the next sample: shape
+        torques, followed by the m rates of the states, or of a discrete law the m states at the next sample: shape
         (..., n + m). `Kernel.into` writes them without allocation, `Kernel.source` prints them. Without limits: clip
         the torques to what your drives bear. Where the law holds a motion through samples, the last argument is the
         `piece` of it that holds at t: a call finds it if it is left out, `kernel.piece(t)` gives it to `into`, and in C

@@ -31,7 +31,7 @@ class Cases:
     Attributes
     ----------
     robots : tuple of Robot
-        They differ in the masses of their bodies alone.
+        They differ only in the masses of their bodies.
 
     Examples
     --------
@@ -51,7 +51,7 @@ class Cases:
 
     @cached_array
     def deviations(self) -> Array:
-        """Parameters of the robots less those of the centre, shape (10 nb, robots)."""
+        """Parameters of the robots minus the centre's, shape (10 nb, robots)."""
         return np.stack([robot.parameters - self.centre.parameters for robot in self.robots], axis=1)
 
     @cached_array
@@ -94,7 +94,7 @@ def check_shared(what: str, first: Robot, robot: Robot) -> None:
     """Raise a ValueError if two robots differ in more than their bodies."""
     for name in SHARED:
         if not is_equal(getattr(first.model, name), getattr(robot.model, name)):
-            raise ValueError(f"{what} in masses, centres of mass and inertias alone, not in {name}")
+            raise ValueError(f"{what} only in masses, centres of mass and inertias, not in {name}")
 
 
 @of_robot
@@ -115,7 +115,7 @@ def uncertainty_bound(
     Parameters
     ----------
     robot : Robot
-        The controller's model, which differs from the cases in its bodies' parameters alone.
+        The controller's model, which differs from the cases only in its bodies' parameters.
     cases : sequence of Robot
         Robots of which the one that moves is a mixture, such as the arm without and with its largest payload.
     bandwidth, boundary : float or array_like, shape (n,)
@@ -123,7 +123,7 @@ def uncertainty_bound(
     reference : callable
         A function f(t) -> (q, qd, qdd).
     duration : float
-        Times of the reference that are drawn, from 0 to this [s].
+        End of the times of the reference that are drawn, from 0 [s].
     samples : int
         Number of states, at least 16; half of them with one of the cases, half with a random mixture.
     margin : float
@@ -134,8 +134,8 @@ def uncertainty_bound(
     Returns
     -------
     float
-        The largest value of lambda_max(D M D) |(D M D)^-1 D f| times margin, with D = diag(boundary), where f is what
-        the model's torques are short of [W].
+        The largest value of lambda_max(D M D) |(D M D)^-1 D f| times margin, with D = diag(boundary) and f the error of
+        the model's torques [W].
 
     Raises
     ------
@@ -144,10 +144,9 @@ def uncertainty_bound(
 
     Notes
     -----
-    The states have |z| <= 1, z = s / boundary, and |e_i| <= boundary_i / bandwidth_i. Of others the bound says nothing.
-
-    A bound found by sampling is not proven; the margin is the statement of how much is trusted. `robust_passive` and
-    `sliding_mode` need no such bound.
+    The states have |z| <= 1, z = s / boundary, and |e_i| <= boundary_i / bandwidth_i; the bound does not hold for
+    others. A bound found by sampling is not proven, which the margin allows for. `robust_passive` and `sliding_mode`
+    need no such bound.
 
     Examples
     --------
@@ -183,11 +182,8 @@ def uncertainty_bound(
 def _drawn_states(
     robot: Robot, reference: Reference, times: Array, layer: Sequence[Array], rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
-    """States near the reference at some times: q, qd and the accelerations asked for, (samples, n) each.
-
-    `layer` has bandwidth and boundary.
-    """
-    (decay, D), count, n = layer, len(times), robot.n
+    """States near the reference at some times: q, qd and the commanded accelerations, (samples, n) each."""
+    (decay, D), count, n = layer, len(times), robot.n  # bandwidth and boundary
     q_ref, qd_ref, qdd_ref = np.array([reference_values(robot, reference(float(t))) for t in times]).swapaxes(0, 1)
     direction, length = rng.normal(size=(count, n)), rng.uniform(0, 1, (count, 1)) ** (1 / max(n, 1))
     s = D * (direction / np.linalg.norm(direction, axis=1, keepdims=True) * length)  # in the layer, evenly

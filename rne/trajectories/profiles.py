@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, wraps
+from functools import wraps
 from itertools import pairwise
 from math import factorial
 from typing import Any, TypeVar
@@ -12,11 +12,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import ReadOnlyArrays, plain_array, positive_number, read_only, real_array, real_numbers
+from ..basics.arrays import ReadOnlyArrays, cached_array, plain_array, positive_number, real_array, real_numbers
 from ..basics.piecewise import Piecewise, on_rows, rows_at
 from ..basics.spatial import Array
 from ..basics.text import summary
 from ..elementwise import clip, less, where
+from ..graph.scalar import is_traced
 
 DEGREE = 5  # degree of a spline: continuous third derivatives of q, so that accelerations have no corners
 MISMATCH = 1e-6  # largest error of the spline at a sample relative to the largest |q|
@@ -120,7 +121,7 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
     Returns
     -------
     Quintic
-        A function f(t) -> (q, qd, qdd), each of shape (n,) for one time and (T, n) for an array of T times.
+        A function f(t) -> (q, qd, qdd).
 
     Raises
     ------
@@ -190,9 +191,8 @@ def trapezoidal(start: ArrayLike, end: ArrayLike, duration: float, ramp: float) 
     Returns
     -------
     Trapezoidal
-        A function f(t) -> (q, qd, qdd), each of shape (n,) for one time and (T, n) for an array of T times. Its
-        acceleration jumps at the times `breaks`; `rne.simulate` ends a step at each of them,
-        `rne.ensemble` with its equal steps does not, and is of order 1 there.
+        A function f(t) -> (q, qd, qdd). Its acceleration jumps at the times `breaks`; `rne.simulate` ends a step at
+        each of them, `rne.ensemble` with its equal steps does not, and is of order 1 there.
 
     Raises
     ------
@@ -234,7 +234,7 @@ def _overflows(motion: ReferenceMotion, t: ArrayLike) -> bool:
 
 
 def _refuse_overflow(motion: ReferenceMotion, t: float, **times: float) -> None:
-    """Raise ValueError if the motion is not finite at a time, that of its largest acceleration."""
+    """Raise ValueError if the motion is not finite at the time of its largest acceleration."""
     if _overflows(motion, t):
         names, got = " or ".join(f"`{name}`" for name in times), " and ".join(f"{x:g}" for x in times.values())
         need = "is too short for the way from `start` to `end`: accelerations exceed the range of float64"
@@ -244,22 +244,21 @@ def _refuse_overflow(motion: ReferenceMotion, t: float, **times: float) -> None:
 class Interpolated(ReferenceMotion):
     """Base of the motions through samples, piece by piece along polynomials.
 
-    A law that holds one as a field, an attribute or in its closure is traced: the table of pieces stays beside its
-    program, which is given the row that holds at each time.
+    A law that holds one as a field, an attribute or in its closure is traced: the table of pieces is an input of its
+    program, which takes the row for each time.
     """
 
     t: Array
     _curve: Piecewise
 
-    @cached_property
+    @cached_array
     def table(self) -> Array:
         """Table with a row for each piece; see `Piecewise.table`."""
-        found: Array = read_only(self._curve.table)
-        return found
+        return self._curve.table
 
     @property
     def samples(self) -> Array:
-        """Values at the times `t`, shape (K, n)."""
+        """Positions at the times `t`, shape (K, n)."""
         raise NotImplementedError
 
     def with_samples(self, samples: ArrayLike) -> Interpolated:
@@ -273,12 +272,7 @@ class Interpolated(ReferenceMotion):
         Returns
         -------
         Spline or Sampled
-            Of the same kind.
-
-        Raises
-        ------
-        ValueError
-            As `spline` and `sampled`.
+            Motion of the same kind; errors are those of `spline` and `sampled`.
 
         Examples
         --------
@@ -334,9 +328,8 @@ def spline(t: ArrayLike, q: ArrayLike) -> Spline:
     Returns
     -------
     Spline
-        A function f(t) -> (q, qd, qdd), each of shape (n,) for one time, (T, n) for an array of T times; a reference
-        for `rne.control.computed_torque`. Outside the samples it raises ValueError: what the motion does there is not
-        known, and rest is not assumed.
+        A function f(t) -> (q, qd, qdd), such as a reference for `rne.control.computed_torque`. Outside the samples it
+        raises ValueError: the motion there is not known, and rest is not assumed.
 
     Raises
     ------
@@ -365,8 +358,7 @@ def spline(t: ArrayLike, q: ArrayLike) -> Spline:
     """
     from scipy.interpolate import make_interp_spline
 
-    times, positions = (real_numbers(name, x, s).astype(float) for name, x, s in (("t", t, "(K,)"), ("q", q, "(K, n)")))
-    _check_samples(times, positions)
+    times, positions = _checked_samples(t, "q", q)
     degree = min(DEGREE, len(times) - 1)
     # From 0 to 1: the collocation matrix is then as well conditioned as the spacing of the times allows.
     s = (times - times[0]) / (times[-1] - times[0])
@@ -429,9 +421,9 @@ def sampled(t: ArrayLike, values: ArrayLike, kind: str = "hold") -> Sampled:
     Returns
     -------
     Sampled
-        A function f(t) -> (q, qd, qdd), each of shape (n,) for one time, (T, n) for an array of T times; at a sample
-        the values from there on. Positions that are held, and velocities along straight lines, jump at the times
-        `breaks`, at which `rne.simulate` ends a step. Outside the samples it raises ValueError, as `spline` does.
+        A function f(t) -> (q, qd, qdd), at a sample the values from there on. Positions that are held, and velocities
+        along straight lines, jump at the times `breaks`, at which `rne.simulate` ends a step. Outside the samples it
+        raises ValueError, as `spline` does.
 
     Raises
     ------
@@ -450,11 +442,9 @@ def sampled(t: ArrayLike, values: ArrayLike, kind: str = "hold") -> Sampled:
     """
     if kind not in KINDS:
         raise ValueError(f"`kind` must be one of {list(KINDS)}, got {kind!r}")
-    given = ("t", t, "(K,)"), ("values", values, "(K, n)")
-    times, q = (real_numbers(name, x, shape).astype(float) for name, x, shape in given)
-    _check_samples(times, q, "values")
+    times, q = _checked_samples(t, "values", values)
     if kind == "hold":
-        curve = Piecewise(np.append(times, times[-1]), q[None])  # the last one, without length, is read by rows alone
+        curve = Piecewise(np.append(times, times[-1]), q[None])  # the last one, without length, is only read by rows
     elif kind == "linear":
         curve = Piecewise(times, np.stack([q[:-1], np.diff(q, axis=0)]))
     else:
@@ -472,15 +462,17 @@ def _not_too_close(name: str, motion: I) -> I:
     return motion
 
 
-def _check_samples(t: Array, q: Array, name: str = "q") -> None:
-    if t.ndim != 1 or len(t) < 2:
-        raise ValueError(f"`t` must have shape (K,) with two times at least, got {t.shape}")
-    if q.ndim != 2 or len(q) != len(t):
-        raise ValueError(f"`{name}` must have shape ({len(t)}, n), a row for each time, got {q.shape}")
-    late = np.flatnonzero(np.diff(t) <= 0)
+def _checked_samples(t: ArrayLike, name: str, values: ArrayLike) -> tuple[Array, Array]:
+    times, q = real_numbers("t", t, "(K,)").astype(float), real_numbers(name, values, "(K, n)").astype(float)
+    if times.ndim != 1 or len(times) < 2:
+        raise ValueError(f"`t` must have shape (K,) with two times at least, got {times.shape}")
+    if q.ndim != 2 or len(q) != len(times):
+        raise ValueError(f"`{name}` must have shape ({len(times)}, n), a row for each time, got {q.shape}")
+    late = np.flatnonzero(np.diff(times) <= 0)
     if len(late):
         k = int(late[0])
-        raise ValueError(f"`t` must ascend, got {t[k + 1]:.10g} after {t[k]:.10g} at index {k + 1}")
+        raise ValueError(f"`t` must ascend, got {times[k + 1]:.10g} after {times[k]:.10g} at index {k + 1}")
+    return times, q
 
 
 def _uneven(t: Array) -> str:
@@ -489,11 +481,6 @@ def _uneven(t: Array) -> str:
         f"`t` is spaced too unevenly for a spline through the samples: intervals from {steps.min():.3g} to "
         f"{steps.max():.3g} s; sample the motion at equal intervals"
     )
-
-
-def is_traced(times: Array) -> bool:
-    """True for an array of traced numbers, which stand for times that are not known yet."""
-    return times.dtype == object and all(hasattr(x, "__truediv__") for x in times.flat)
 
 
 @made_by("through")

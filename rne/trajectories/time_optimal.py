@@ -7,7 +7,7 @@ Along a path q(s), with u = s'' and x = s'^2 of the motion s(t), velocities and 
 (Bobrow, Dubowsky and Gibson 1985, (8)). At each point of a grid every limit is a pair of inequalities, linear in u and
 x; the library toppra finds the largest x that keeps them all (Pham and Pham 2018). Coulomb friction belongs to c: its
 sign is that of q'(s). Viscous friction grows with sqrt(x), which is replaced by its tangent at the last solution until
-they agree; where it saturates, its ratio to sqrt(x) is that of the last solution too, as is the Stribeck effect.
+they agree; where it saturates, its ratio to sqrt(x) is taken from the last solution too, as is the Stribeck effect.
 Friction under load makes of a torque limit one above, of (1 + load) times the torque of inverse dynamics in the
 direction of motion, and one below, of (1 - load) times.
 """
@@ -28,18 +28,19 @@ from ..basics.spatial import Array
 from ..basics.text import InNotebooks, column, listed, table
 from ..dynamics.kinematics import joint_accelerations, joint_positions, joint_velocities
 from ..dynamics.limits import limit_shares, share_texts
+from ..graph.scalar import is_traced
 from ..robot import Robot, robot_argument
 from ..simulation.friction import Friction
 from ..simulation.scene import Payload, Scene
 from ..simulation.springs import JointSpring, Spring
-from .profiles import Path, ReferenceMotion, is_traced, made_by, through
+from .profiles import Path, ReferenceMotion, made_by, through
 
 GRID = 100  # initial intervals of a piece
 ACCURACY = 5e-4  # largest excess over a limit between grid points before the grid is refined, relative
 UNUSED = 0.007  # gap to every limit above which the grid is refined, relative
 CLOSER, ROUNDS = 16, 8  # most parts of an interval; most refinements of the grid
 NEAR = 0.02  # distance of grid points from the expected meeting of arcs, relative to an interval
-WAY = 0.1  # length of each piece in the linear programs whose intervals have units of their own
+WAY = 0.1  # length of each piece in the linear programs whose intervals have separate units
 BELOW = 1e-9  # relative distance of x below the largest, so that the next program has a solution
 SHORTEST = 1e-5  # shortest interval that is divided, relative to the duration
 AGREE = 3e-4  # agreement of viscous friction and its tangent, relative to a limit
@@ -66,7 +67,7 @@ class OutOfRange(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class _Limits:
-    """Limits of a scene's robot: those of torques and accelerations are rows, those of velocities are bounds of x."""
+    """Limits of a scene's robot: limits of torques and accelerations are rows, limits of velocities are bounds of x."""
 
     scene: Scene
 
@@ -200,7 +201,7 @@ class _Piece:
             fastest = self.limits.of_all["velocity_limit"]
             largest, within = (1 / np.max((slope / fastest) ** 2, axis=1) for slope in (rates, every))
         beside = np.minimum(np.append(within[:1], within), np.append(within, within[-1:]))
-        # Where all joints turn, x is free, but not beside it.
+        # Where all joints turn, x is free, but not close to that point.
         return np.asarray(np.where(largest > 2 * beside, beside / 2, largest))
 
     def slowing(self, grid: Array, x: Array) -> Array:
@@ -418,8 +419,8 @@ def _infeasible(piece: _Piece, grid: Array) -> str:
     if share < 1:
         return f"`path`: toppra finds no motion; at rest it needs most {place}, {share:.0%} of joint {joint!r}"
     return (
-        f"`path` cannot be driven: {place}, joint {joint!r} needs a torque of {share * limit:.4g} for gravity and "
-        f"Coulomb friction alone, its limit is {limit:.4g}"
+        f"`path` cannot be driven: {place}, joint {joint!r} needs a torque of {share * limit:.4g} only for gravity "
+        f"and Coulomb friction; its limit is {limit:.4g}"
     )
 
 
@@ -477,16 +478,6 @@ def _slowed(piece: _Piece, profile: _Profile, message: str) -> _Profile:
     raise ValueError(message)
 
 
-def _largest_within(x: Array, start: Array, end: Array) -> Array:
-    """Largest entries of x (2, K), at least 1, in ranges from start to before end, by a table over powers of two."""
-    power = np.log2(np.maximum(end - start, 1)).astype(int)
-    largest = [np.pad(x, ((0, 0), (0, 1)), constant_values=1.0)]
-    for k in range(power.max()):
-        largest.append(np.maximum(largest[-1], np.roll(largest[-1], -(2**k), axis=1)))
-    found = np.stack(largest)
-    return np.asarray(np.maximum(found[power, :, start], found[power, :, np.maximum(end - 2**power, start)]).T)
-
-
 def _averaged(piece: _Piece, fastest: _Profile, window: float) -> _Profile:
     """Profile averaged over a window, if there is one, and slowed down where it would exceed a limit."""
     allowed = np.ones((2, len(fastest.grid)))
@@ -497,10 +488,10 @@ def _averaged(piece: _Piece, fastest: _Profile, window: float) -> _Profile:
         if excess.max() <= 1 + 2 * ACCURACY:
             return rows
         first, last = np.searchsorted(rows.times, t - window, "right") - 1, np.searchsorted(rows.times, t)
-        # An instant concerns the grid points first to last, so a grid point the instants start to end.
-        start, end = np.searchsorted(last, points), np.searchsorted(first, points, "right")
-        factor = 1 / _largest_within(np.where(excess > 1 + ACCURACY, excess, 1.0), start, end)
-        allowed *= factor
+        # An instant concerns the grid points first to last, so a grid point the instants of a range; the last one is 1.
+        ranges = np.stack([np.searchsorted(last, points), np.searchsorted(first, points, "right")], axis=1)
+        beyond = np.append(np.where(excess > 1 + ACCURACY, excess, 1.0), [[1.0], [1.0]], axis=1)
+        allowed *= 1 / np.maximum.reduceat(beyond, ranges.ravel(), axis=1)[:, ::2]
         found = _solve(piece, fastest.grid, x, allowed)
         if found is None:
             break
@@ -665,8 +656,9 @@ def fastest(
     Parameters
     ----------
     robot : Robot
-        With `effort_limit` or `acceleration_limit`, or both, of every joint; `Robot.with_limits` sets them. Joints that
-        slow down keep their `deceleration_limit`, averages to some percent for some ms before they turn around.
+        With `effort_limit` or `acceleration_limit`, or both, of every joint; `Robot.with_limits` sets them.
+        `deceleration_limit` holds while joints slow down; smoothed motions may exceed it by a few percent for a few ms
+        before a joint turns around.
     path : Path or array_like, shape (K, n)
         From `rne.trajectories.through`, or via points for it [rad or m].
     friction : Friction or "urdf", optional
@@ -688,7 +680,7 @@ def fastest(
     ------
     ValueError
         If a joint has neither a torque nor an acceleration limit, the path leaves a joint's range, or it cannot be
-        driven: names the place, the joint and the limit.
+        driven; the message names the place, the joint and the limit.
     ImportError
         Without toppra, the extra `fastest`.
 
@@ -698,11 +690,10 @@ def fastest(
     hold in between to 5e-4 and one of them is used to 1 %, but for intervals below 1e-5 of the duration around switches
     from one limit to another. Limits hold to 1e-3 throughout, after an average too, and where a joint with Coulomb
     friction turns around. Limits of joints that follow others are included, except those of torques, and of jerk where
-    a coupling moves them. The average of s(t)
-    over a time w stays on the path, takes w longer for every stop, and has continuous accelerations; where it would
-    exceed a limit, the motion is slowed there. Where viscous friction dwarfs inertia and all joints turn at once, up to
-    2 % more were measured, for 1e-5 of the duration. Where no solution within limits is found, the whole piece is
-    driven slower until they hold; `print` says by how much.
+    a coupling moves them. The average of s(t) over a time w stays on the path, takes w longer for every stop, and has
+    continuous accelerations; where it would exceed a limit, the motion is slowed there. Where viscous friction is far
+    larger than inertia and all joints turn at once, limits were exceeded by up to 2 %, for 1e-5 of the duration. Where
+    no solution within limits is found, the whole piece is driven slower until they hold; `print` shows by how much.
 
     Examples
     --------
