@@ -16,7 +16,7 @@ from ..dynamics.forward import solve_mass_matrix
 from ..dynamics.rnea import gravity_torque
 from ..robot import Robot
 from .feedback_loop import FeedbackLoop, LinearisedLoop
-from .laws import checked_vectors, of_robot
+from .laws import of_robot
 from .sampled_loop import LinearLoop, Window, first_unstable_time, gravity_modes, step_matrix
 
 if TYPE_CHECKING:
@@ -149,10 +149,10 @@ def check_gains(
     >>> round(gains.sample_time_limit * 1e4, 3), gains.stable
     (1.308, True)
     """
-    p, d = (checked_vectors(robot, sign="positive", kp=kp)[0], checked_vectors(robot, sign="not negative", kd=kd)[0])
+    n = robot.n
+    p, d = per_joint_array("kp", kp, n, sign="positive"), per_joint_array("kd", kd, n, sign="not negative")
     positive_number("sample_time", 1.0 if sample_time is None else sample_time)
     positive_number("max_sample_time", 1.0 if max_sample_time is None else max_sample_time)
-    n = robot.n
     if n == 0:
         stable = None if sample_time is None else True
         none, always = np.zeros(0), (Window(0.0, np.inf, "stable"),)

@@ -61,9 +61,8 @@ def linearised_loop(scene: Any, q: Array) -> LinearisedLoop:
     windows, friction = loop.windows, scene.resolved.friction
     is_smoothed = friction is not None and bool(np.any(friction.coulomb) or np.any(friction.load))
     is_of_link = getattr(scene.controller, "posture", True) is None
-    limit, stable = end_of_stability(windows), loop.is_stable
     return LinearisedLoop(
-        loop, windows, limit, scene.sample_time, stable, is_rest, is_smoothed, is_of_link,
+        loop, windows, end_of_stability(windows), scene.sample_time, loop.is_stable, is_rest, is_smoothed, is_of_link,
         is_discrete=len(loop.R) > 0 and is_discrete(scene.controller),
     )  # fmt: skip
 

@@ -56,6 +56,9 @@ class Plant:
         self.kernels = kernels or robot.kernels  # of another robot if bodies are numbers of the scene
         self.counted = dynamics.counted  # entries of the state that are held to the tolerances
         self.width = dynamics.size  # of what the kernel gives
+        self.sticks = dynamics.sticks  # True if friction can hold joints
+        # True without drives and friction: nothing damps the motion
+        self.is_conservative = not dynamics.ledger and dynamics.friction is None
         self.kernel = kernel = self.kernels.scene_kernel(self._function)
         # Of one state, without the check of joint velocities; None where the recursion itself runs
         self._state_function = kernel.state_function_at(self.numbers) if kernel.is_unrolled else None
@@ -84,16 +87,6 @@ class Plant:
     def is_compiled(self) -> bool:
         """True if no law is called and the kernel is machine code."""
         return self.law is None and self.kernel.is_unrolled and self.kernel.engine == "numba"
-
-    @property
-    def is_conservative(self) -> bool:
-        """True without drives and friction: nothing damps the motion."""
-        return not self.dynamics.ledger and self.dynamics.friction is None
-
-    @property
-    def sticks(self) -> bool:
-        """True if friction can hold joints."""
-        return self.dynamics.sticks
 
     @cached_property
     def implicit(self) -> Implicit:

@@ -393,9 +393,7 @@ class Run:
                 self.reports = True
                 self.task.progress(self.t, self.task.duration)
                 self.reports = False
-            if self.plant.sticks:
-                self._leave_samples(steps, count)
-            self._leave_breaks(steps.T[1 : count + 1], steps.X[1 : count + 1])
+            self._leave(steps, count)
             if crossing is not None and self.hold is not None:
                 self.hold.rewind(self.t)
             if crossing is not None and crossing.event is not None:
@@ -411,19 +409,15 @@ class Run:
     def _steps_at_once(self) -> int:
         return min(self.most, MAX_STEPS if self.solver.takes_samples else self.monitor.steps_to_look)
 
-    def _leave_samples(self, steps: Steps, count: int) -> None:
-        """Record the values just before the samples within a number of steps."""
-        rows = np.flatnonzero(steps.jumps[1:count]) + 1
-        if len(rows):
-            self.record.leave(steps.T[rows], steps.X[rows])
-
-    def _leave_breaks(self, t: Array, x: Array) -> None:
-        """Record the values just before the breaks at which steps ended, as far as the run came."""
-        if not self._passes_breaks:
-            return
-        at_breaks = np.isin(t, self.breaks) & (t <= self.t)
-        if at_breaks.any():
-            self.record.leave(t[at_breaks], x[at_breaks])
+    def _leave(self, steps: Steps, count: int) -> None:
+        """Record the values just before the samples or breaks at which steps ended, as far as the run came."""
+        t, x, at_jumps = steps.T[1 : count + 1], steps.X[1 : count + 1], np.zeros(count, dtype=bool)
+        if self.plant.sticks:
+            at_jumps[:-1] = steps.jumps[1:count]
+        elif self._passes_breaks:
+            at_jumps = np.isin(t, self.breaks) & (t <= self.t)
+        if at_jumps.any():
+            self.record.leave(t[at_jumps], x[at_jumps])
 
     @property
     def _passes_breaks(self) -> bool:

@@ -88,8 +88,6 @@ def _kept(given: Any) -> Any:
     """Copy of a part of a scene: mappings, sequences and arrays are copied."""
     if isinstance(given, Mapping):
         return dict(given)
-    if isinstance(given, HasPayload | Payload):
-        return Payload(*map(read_only, payload_argument(given)))
     is_list = isinstance(given, Sequence) and not isinstance(given, str)
     return read_only(tuple(given) if is_list else given)
 
@@ -207,7 +205,7 @@ class Scene:
         for name in GIVEN:  # the caller may change it later
             object.__setattr__(self, name, _kept(getattr(self, name)))
         if self.payload is not None:
-            object.__setattr__(self, "payload", _kept(payload_argument(self.payload)))
+            object.__setattr__(self, "payload", Payload(*map(read_only, payload_argument(self.payload))))
         _ = self.resolved  # raises the errors in the parts
         self._check_robot_of_controller()
 
