@@ -33,7 +33,7 @@ from rne.bounds.branch_and_bound import (
     values_on_grid,
 )
 from rne.bounds.criteria import Coriolis, LargestOfInverse, Modulus, Norm, positive_definite
-from rne.bounds.polynomials import Polynomial, box_argument
+from rne.bounds.polynomials import Polynomial
 from rne.dynamics.lagrange import christoffel
 
 from .helpers import Part, assemble, first_joints, kept, pose
@@ -255,9 +255,8 @@ def random_chain(seed, n=4):
 
 def least_eigenvalue(robot, positions):
     """Its criterion and box."""
-    box = box_argument(robot.model, positions)
-    terms = RobotPolynomials(robot.kernels, box)
-    return LargestOfInverse(terms.polynomial(rne.dynamics.mass_matrix, 2), terms.samples, np.eye(robot.n)), box
+    terms = RobotPolynomials(robot.kernels, positions)
+    return LargestOfInverse(terms.polynomial(rne.dynamics.mass_matrix, 2), terms.samples, np.eye(robot.n)), terms.box
 
 
 @pytest.mark.parametrize("turns", [True, False])
@@ -390,8 +389,8 @@ def test_modes_bound_values_and_derivatives(make):
     """Sums of modes bound |A|, |dA/dq_k| and |d^2A/dq_k^2|, turning, sliding and mimicking."""
     robot = make()
     cache = robot.kernels
-    box = box_argument(robot.model, "limits")
-    terms, h = RobotPolynomials(cache, box), 1e-4
+    terms, h = RobotPolynomials(cache, "limits"), 1e-4
+    box = terms.box
     q = np.random.default_rng(2).uniform(box.lower, box.upper, (2000, robot.n))
     for A, function in (
         (terms.polynomial(rne.dynamics.gravity_torque, 1), robot.gravity_torque),
@@ -414,7 +413,7 @@ def test_a_matrix_mode_is_bounded_at_every_phase():
     """-B <= Re(exp(i phase) c) <= B for a complex symmetric c, relative to any scale."""
     rng = np.random.default_rng(3)
     robot = two_link()
-    terms = RobotPolynomials(robot.kernels, box_argument(robot.model, "circle"))
+    terms = RobotPolynomials(robot.kernels, "circle")
     M = terms.polynomial(rne.dynamics.mass_matrix, 2)
     c = rng.normal(size=(5, 2, 2)) + 1j * rng.normal(size=(5, 2, 2))
     M = replace(M, coefficients=c + c.swapaxes(1, 2))
@@ -427,7 +426,7 @@ def test_a_matrix_mode_is_bounded_at_every_phase():
 
 def test_rounding_is_at_least_that_of_the_sum_of_modes():
     """Of 2000 operations, on a number as large as the quantity can be anywhere."""
-    terms = RobotPolynomials(two_link().kernels, box_argument(two_link().model, "circle"))
+    terms = RobotPolynomials(two_link().kernels, "circle")
     for criterion in (
         Norm(terms.polynomial(rne.dynamics.mass_matrix, 2)),
         Modulus(terms.polynomial(rne.dynamics.gravity_torque, 1)),
@@ -439,7 +438,7 @@ def test_rounding_is_at_least_that_of_the_sum_of_modes():
 def test_the_symmetric_form_bounds_the_coriolis_norm(irb140):
     """Of random symbols c_ijk: no unit vectors v, w give more than the root of its largest eigenvalue."""
     rng = np.random.default_rng(4)
-    terms = RobotPolynomials(irb140.kernels, box_argument(irb140.model, "circle"))
+    terms = RobotPolynomials(irb140.kernels, "circle")
     dM = terms.polynomial(rne.dynamics.mass_matrix, 2, "q")
     A = dM.mapped(christoffel, 1.5 * dM.terms)
     criterion = Coriolis(A)
@@ -624,8 +623,8 @@ def test_grids_bound_what_lies_between_their_points(degree, steps):
 def test_second_derivatives_are_within_what_grids_prove(make):
     """Of torques, k_C and an entry of M, in each direction of the search, and less than sums of modes say."""
     robot = make().mounted([0.3, 0.4, 0])
-    n, box = robot.n, box_argument(robot.model, "limits")
-    terms, rng = RobotPolynomials(robot.kernels, box), np.random.default_rng(5)
+    terms, rng = RobotPolynomials(robot.kernels, "limits"), np.random.default_rng(5)
+    n, box = robot.n, terms.box
     dM = terms.polynomial(rne.dynamics.mass_matrix, 2, "q")
     torques = torque_criteria(terms, np.full(n, RATES), np.full(n, ACCELERATIONS))
     k_C = Coriolis(dM.mapped(christoffel, 1.5 * dM.terms))
@@ -648,9 +647,10 @@ def test_second_derivatives_are_within_what_grids_prove(make):
 def test_gravity_and_the_rest_are_largest_together():
     """The parts of gravity about the first axis of a mounted arm; no torque of 20,000 states is outside of its bound."""
     robot = first_joints().mounted([0.5, 0, 0])
-    box = box_argument(robot.model, "circle")
+    terms = RobotPolynomials(robot.kernels, "circle")
+    box = terms.box
     q = np.random.default_rng(6).uniform(box.lower, box.upper, (20_000, 3))
-    g = entry(RobotPolynomials(robot.kernels, box).polynomial(rne.dynamics.gravity_torque, 1), 1)
+    g = entry(terms.polynomial(rne.dynamics.gravity_torque, 1), 1)
     parts = about_first_angle(g)
     torque, mean, cosine, sine = parts.evaluate(q[:50]).T
     angle = q[:50, 0]
@@ -766,7 +766,7 @@ def test_torques_inside_of_the_range_of_a_rate_are_attained():
     a = M2 * L1 * C2 * np.sin(1.5)
     np.testing.assert_allclose(found.torque.attained, [a * (2 * 3.0 + 9.0), a], rtol=1e-9)  # at corners
     criterion = torque_criteria(
-        RobotPolynomials(rne.Robot(model).kernels, box_argument(model, "circle")), np.array([2.0, 1.0]), np.zeros(2)
+        RobotPolynomials(rne.Robot(model).kernels, "circle"), np.array([2.0, 1.0]), np.zeros(2)
     )[0]
     forms = np.array([[0.0, 2.0, -1.0], [3.0, 1.0, -2.0], [-1.0, 0.5, -1.0]])  # of v1^2, v1 v2, v2^2
     grid = np.linspace([-2.0, -1.0], [2.0, 1.0], 401).T

@@ -10,7 +10,7 @@ from scipy.signal import butter, lfilter
 
 import rne
 from rne.identification import Cause, Record, fit_base_parameters, regression, thresholds
-from rne.identification.diagnosis.hypotheses import merged_by_kind, merged_text, of_columns, of_convention, with_effect
+from rne.identification.diagnosis.hypotheses import merged_by_kind, of_columns, of_convention, with_effect
 from rne.identification.diagnosis.residuals import FitResiduals
 
 from . import faulty_logs as faults
@@ -162,6 +162,10 @@ def test_what_happens_within_one_block_is_judged_on_short_ones():
 
 
 def test_each_joint_of_a_cause_is_told_with_its_own_number():
+    def merged_text(texts):
+        (found,) = merged_by_kind([Cause("x", (name,), text, 9.0) for name, text in zip("ab", texts, strict=True)])
+        return found.text
+
     texts = [f"friction of {name} changes by {x} % of its load" for name, x in (("a", 4.67), ("b", 5.1))]
     assert merged_text(texts) == "friction of a, b changes by 4.67, 5.1 % of its load"
     others = ["the torque of a has the wrong sign", "the torque of b is measured -0.5 times"]

@@ -11,8 +11,8 @@ from scipy.signal import lfilter
 import rne
 from rne.basics.filters import low_pass, settling
 from rne.identification import Record
-from rne.identification.log.filtering import choose_cutoff, derivatives, motion_spectrum
-from rne.identification.log.screening import clipped, encoder_step, equal_steps, screen
+from rne.identification.log.filtering import derivatives
+from rne.identification.log.screening import clipped, equal_steps
 
 from .helpers import first_joints, loaded
 from .measurements import measure, record, truth
@@ -184,12 +184,11 @@ def test_noise_of_positions_lowers_the_cut_off(scene):
 
 
 def test_cut_off_is_at_most_a_fifth_of_the_sample_rate():
-    _, x = sine(3.0, rate=40.0)
-    q = [x[:, None]]
-    cutoff, reasons = choose_cutoff(motion_spectrum(q, 40.0), 40.0, q, q)
-    assert cutoff == 8.0
-    assert reasons[0].endswith("0.2 times the sample rate of 40 Hz")
-    assert reasons[1].startswith("warning: the spectrum asks for a cut-off above 8 Hz, a fifth of the sample rate")
+    t, x = sine(3.0, rate=40.0)
+    prepared = Record(t, x[:, None], x[:, None]).prepare()
+    assert prepared.cutoff == pytest.approx(8.0)
+    assert prepared.notes[0].endswith("0.2 times the sample rate of 40 Hz")
+    assert prepared.notes[1].startswith("warning: the spectrum asks for a cut-off above 8 Hz, a fifth of the sample")
 
 
 def test_a_cut_off_that_is_printed_can_be_given_back():
@@ -270,7 +269,7 @@ def test_spikes_are_replaced_by_a_spline_through_the_samples_on_both_sides(first
     t = step * np.arange(200)
     exact = np.cos(omega * step * (np.arange(200)[:, None] - first - (count - 1) / 2))
     spike = (np.arange(200)[:, None] >= first) & (np.arange(200)[:, None] < first + count)
-    found = screen("record", ("a", "b"), t, exact + 0.3 * spike, exact, None, 5, "auto")
+    found = Record(t, exact + 0.3 * spike, exact, bridge=5).cleaned
     assert [finding.kind for finding in found.findings] == ["position spike"] * 2
     assert (np.abs(found.q - exact).max(axis=0) < 5 / 384 * (omega * step * (count + 1)) ** 4).all()
     assert (found.q[~spike] == exact[~spike]).all()
@@ -717,8 +716,9 @@ def test_rates_of_a_joint_that_hardly_moves_are_not_compared(true_of_six, part):
 
 
 def test_few_differences_tell_no_step_of_an_encoder():
-    assert encoder_step(np.repeat(np.arange(20.0), 10)) == 0
-    assert encoder_step(np.repeat(np.arange(60.0), 10)) == 1
+    for count, step in ((20, 0.0), (60, 0.5)):
+        q = np.repeat(0.5 * np.arange(count), 10)[:, None]
+        assert Record(np.arange(len(q)) / 100, q, np.cos(q)).encoder_step == step
 
 
 def polled(q, most, seed=0):

@@ -145,9 +145,7 @@ class Bounds(InNotebooks):
     def _entries(self) -> Iterator[tuple[Bound, str, Any, bool]]:
         """Each bound with its name, its index in the arrays, and True if it bounds from below."""
         names = [short(name) for name in self.joint_names]
-        turns = {
-            joint: x for m in self.models for joint, x in zip(m.moving_joints, m.is_revolute.tolist(), strict=True)
-        }
+        turns = {joint: x for m in self.models for joint, x in zip(m.moving_joints, m.is_revolute, strict=True)}
         units = [UNITS["tau"][not turns.get(name, True)] for name in self.joint_names]
         pairs = [(i, j) for i in range(len(names)) for j in range(i, len(names))]
         places: dict[str, dict[Any, str]] = {
@@ -207,24 +205,19 @@ def robot_bounds(
         raise ValueError(f"`link` must be a link that moves, got {link!r}")
     box = box_argument(model, positions)
     caches = [KernelCache(m, cache.engine) for m in corners_of_masses(model, payload, masses)] or [cache]
-    found, stopped, of_point = {}, [], (link or "", point)
+    stopped, of_point = [], (link or "", point)
+    found: dict[str, Any] = {}
     for name in chosen:
         per_model, used = [], caches[:1] if name == "point_speed" else caches  # masses do not change a speed
         for c in used:
-            clock, terms = Clock(seconds / len(used)), RobotPolynomials(c, replace(box, model=c.model))
+            clock, terms = Clock(seconds / len(used)), RobotPolynomials(c, positions)
             per_model.append(bound_of(terms, name, speeds, changes, of_point, tolerance, budget / len(used), clock))
             if clock.stopped:
                 stopped.append(f"{name} after {clock.work:.2g} of {budget / len(used):.4g} of the budget")
         found[name] = extremes(per_model, least=name == "mass_eigenvalues")
-    return Bounds(
-        **found,
-        joint_names=model.joint_names,
-        lower=box.lower,
-        upper=box.upper,
-        circle=box.circle,
-        models=tuple(c.model for c in caches),
-        stopped=f"`seconds` stopped {', '.join(stopped)}; another run may differ" if stopped else "",
-    )
+    words = f"`seconds` stopped {', '.join(stopped)}; another run may differ" if stopped else ""
+    found |= {"lower": box.lower, "upper": box.upper, "circle": box.circle}
+    return Bounds(**found, joint_names=model.joint_names, models=tuple(c.model for c in caches), stopped=words)
 
 
 def corners_of_masses(model: Model, payload: Range | None, masses: Mapping[str, Range] | None) -> list[Model]:
@@ -267,7 +260,7 @@ def mass_range(name: str, ends: Any) -> Range:
     return low, high
 
 
-def extremes(bounds: Sequence[Bound], least: bool) -> Bound:
+def extremes(bounds: Sequence[Bound], least: bool = False) -> Bound:
     """Bounds of several models together: the largest of each entry, and the least of the first eigenvalue."""
     sign = np.array([-1.0, 1.0]) if least else 1.0
     lower, upper, attained = (np.array([getattr(b, x) for b in bounds]) for x in ("lower", "upper", "attained"))
@@ -280,9 +273,9 @@ def extremes(bounds: Sequence[Bound], least: bool) -> Bound:
 class RobotPolynomials:
     """M, g and their derivatives of one model as polynomials on a box of positions."""
 
-    def __init__(self, cache: KernelCache, box: PositionBox) -> None:
+    def __init__(self, cache: KernelCache, positions: Any) -> None:
         model = cache.model
-        self.box = box
+        self.box = box = box_argument(model, positions)
         self.free = KernelCache(independent(model), cache.engine) if model.has_mimics else cache
         self.samples = np.random.default_rng(4).uniform(box.lower, box.upper, (SAMPLES, model.n))
 
@@ -426,24 +419,22 @@ def about_first_angle(g: Polynomial) -> Polynomial:
 
 
 def inertia_extremes(
-    models: Sequence[Model], box: PositionBox, engine: str, scale: Array, tolerance: float, budget: float
-) -> list[ProvenMaximum]:
+    models: Sequence[Model], positions: tuple[Array, Array], engine: str, scale: Array, tolerance: float, budget: float
+) -> Bound:
     """Largest eigenvalue of D M D, D = diag(scale), and diagonal entries of M^-1, over models and their mixtures.
 
-    These are convex in M, so that the models suffice. All share the budget.
+    Shape (1 + n,). These are convex in M, so that the models suffice. All share the budget.
     """
-    found, clock = [], Clock()
+    found, clock, n = [], Clock(), len(scale)
     for model in models:
-        own, n = replace(box, model=model), len(scale)
-        terms = RobotPolynomials(KernelCache(model, engine), own)
+        terms = RobotPolynomials(KernelCache(model, engine), positions)
         M = terms.polynomial(dynamics.mass_matrix, 2)
         inverses = [LargestOfInverse(M, terms.samples, np.outer(e, e)) for e in np.eye(n)]
         scaled = M.mapped(lambda x: x * np.outer(scale, scale), scale.max() ** 2)
         criteria = [Norm(scaled, positive=True), *inverses]
-        found.append(largest(criteria, own, tolerance, clock.now() + budget / len(models), clock))
-    most = [max(extremes, key=lambda extreme: extreme.attained) for extremes in zip(*found, strict=True)]
-    uppers = [max(extreme.upper for extreme in extremes) for extremes in zip(*found, strict=True)]
-    return [extreme._replace(upper=upper) for extreme, upper in zip(most, uppers, strict=True)]
+        proven = largest(criteria, terms.box, tolerance, clock.now() + budget / len(models), clock)
+        found.append(as_bound(proven, (1 + n,), tolerance))
+    return extremes(found)
 
 
 def as_bound(found: Sequence[ProvenMaximum], shape: tuple[int, ...], tolerance: float) -> Bound:

@@ -71,12 +71,10 @@ class Cases:
         attains, times `MARGIN`, which is an assumption. The same on every machine, fast or slow.
         """
         from ..bounds.bounds import inertia_extremes
-        from ..bounds.polynomials import box_argument
 
-        model = self.centre.model
-        box, models = box_argument(model, workspace(self.centre)), [robot.model for robot in self.robots]
-        found = inertia_extremes(models, box, self.centre.engine, scale, MARGIN - 1, BUDGET)
-        bounds = np.array([min(extreme.upper, MARGIN * extreme.attained) for extreme in found])
+        models, positions = [robot.model for robot in self.robots], workspace(self.centre)
+        found = inertia_extremes(models, positions, self.centre.engine, scale, MARGIN - 1, BUDGET)
+        bounds = np.minimum(found.upper, MARGIN * found.attained)
         return float(bounds[0]), bounds[1:]
 
 

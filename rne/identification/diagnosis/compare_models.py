@@ -258,19 +258,12 @@ class Changes:
     """Conventions, and switches of all, one or several bodies, with their torques at few states, shape (A, R)."""
 
     def __init__(self, data: TorqueDifference, switches: Sequence[Hypothesis]) -> None:
-        self.data, self.conventions = data, list(conventions(data.robot))
-        self.switches: list[tuple[Hypothesis, Array]] = []
-        few, self.alternatives = data.few, [x.alternatives for x in self.conventions]
+        self.data, self.conventions, few = data, list(conventions(data.robot)), data.few
+        self.switches = [single for h in switches for single in single_switches(data, h)]
         torques = [*(torques_of(data.robot, self.conventions, few.states) - few.expected)]
-        for h in switches:
-            columns = columns_of(data, h)
-            k, near = columns.shape[-1], data.with_columns(columns)[0] - 1
-            masks = [np.ones(k), *np.eye(k), (np.abs(near) < thresholds.NEAR).astype(float)]
-            for on in np.unique([on for on in masks if on.any()], axis=0):
-                self.switches.append((h, on))
-                self.alternatives.append(float(h.alternatives) * comb(k, int(on.sum())))
-                torques.append(columns[data.chosen] @ on)
+        torques += [columns_of(data, h)[data.chosen, :, 0] for h in self.switches]
         self.values = (np.array(torques) / data.sigma).reshape(len(torques), -1)
+        self.alternatives = [x.alternatives for x in (*self.conventions, *self.switches)]
 
     def scores(self, few: TorqueDifference) -> Array:
         """Scores of the changes, in the sense of `judged`."""
@@ -290,8 +283,16 @@ class Changes:
             x = self.conventions[k]
             torques = torques_of(data.robot, [x], data.states)[0] - data.expected
             return switch(x.kind, torques, x.text(), x.alternatives)
-        h, on = self.switches[k - len(self.conventions)]
-        return switch(h.kind, columns_of(data, h) @ on, text_of(h, on), self.alternatives[k])
+        return self.switches[k - len(self.conventions)]
+
+
+def single_switches(data: TorqueDifference, h: Hypothesis) -> Iterator[Hypothesis]:
+    """Changes by all switches of a hypothesis, by each, and by those that a fit finds to be on."""
+    columns = columns_of(data, h)
+    k, near = columns.shape[-1], data.with_columns(columns)[0] - 1
+    masks = [np.ones(k), *np.eye(k), (np.abs(near) < thresholds.NEAR).astype(float)]
+    for on in np.unique([on for on in masks if on.any()], axis=0):
+        yield switch(h.kind, columns @ on, text_of(h, on), float(h.alternatives) * comb(k, int(on.sum())))
 
 
 # Changes that are not linear in their numbers
@@ -385,7 +386,7 @@ def changes_of_body(data: TorqueDifference, i: int) -> Iterator[tuple[Hypothesis
 
 def explanations(data: TorqueDifference, given: Sequence[Hypothesis]) -> list[Explanation]:
     """Explanations, the best first; two causes together only where none alone explains the difference."""
-    linear = [replace(h, columns=columns_of(data, h)) for h in (*hypotheses_of_models(data), *one_by_one(data, given))]
+    linear = [*one_by_one(data, (*hypotheses_of_models(data), *given))]
     changes = Changes(data, [h for h in linear if h.numbers == "switches"])
     linear = [h for h in linear if h.numbers != "switches"]
     found = [x for h in linear for x in explanation(data, h)]
@@ -484,30 +485,22 @@ def states_in_range(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
     return q, qd, qdd
 
 
-def different_robots(one: Model, other: Model) -> str:
-    """Sentence on the joints that agree, if fewer than half of those of the smaller robot do; otherwise empty."""
-    same = 0
+def common_joints(one: Model, other: Model) -> dict[str, tuple[bool, bool]]:
+    """Joints that both models have: True if their types are the same, and if their axes and places are."""
+    found = {}
     for i, name in enumerate(one.moving_joints):
         if name in other.moving_joints:
             k = other.moving_joints.index(name)
-            same += placed_alike(one, i, other, k) and one.joint_types[i] == other.joint_types[k]
+            placed = all(np.allclose(getattr(one, what)[i], getattr(other, what)[k]) for what in PLACES)
+            found[name] = one.joint_types[i] == other.joint_types[k], placed
+    return found
+
+
+def different_robots(one: Model, other: Model) -> str:
+    """Sentence on the joints that agree, if fewer than half of those of the smaller robot do; otherwise empty."""
+    same = sum(map(all, common_joints(one, other).values()))
     n = min(len(one.moving_joints), len(other.moving_joints))  # an arm is the same with a hand of many joints
     return f"different robots: {same} of {n} joints have the same name, axis and place" if 2 * same < n else ""
-
-
-def moved_joints(one: Model, other: Model) -> list[str]:
-    """Joints of the same name in both models with another axis or place."""
-    at = {
-        name: (i, other.moving_joints.index(name))
-        for i, name in enumerate(one.moving_joints)
-        if name in other.moving_joints
-    }
-    return [name for name, (i, k) in at.items() if not placed_alike(one, i, other, k)]
-
-
-def placed_alike(one: Model, i: int, other: Model, k: int) -> bool:
-    """True if joint i of one model has the axis and the place of joint k of the other."""
-    return all(np.allclose(getattr(one, what)[i], getattr(other, what)[k]) for what in PLACES)
 
 
 def numbers_of(causes: Sequence[Cause]) -> int:
@@ -518,11 +511,6 @@ def numbers_of(causes: Sequence[Cause]) -> int:
 def together(causes: Sequence[Cause]) -> str:
     """Kinds of causes that act together, joined by "and"."""
     return " and ".join(cause.kind for cause in causes)
-
-
-def text_of_all(causes: Sequence[Cause]) -> str:
-    """Joined texts of causes that act together."""
-    return "; ".join(cause.text for cause in causes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -598,7 +586,7 @@ class ModelComparison(InNotebooks):
         if self.candidates and not self.different:
             lines.append("hypotheses (share of the difference that is left [%]; free numbers)")
             for causes, share in zip(self.candidates[:SHOWN], self.shares, strict=False):
-                what = f"{numbers_of(causes)}: {together(causes)}: {text_of_all(causes)}"
+                what = f"{numbers_of(causes)}: {together(causes)}: {'; '.join(cause.text for cause in causes)}"
                 lines += wrapped(f"  {100 * share:.3g}; {what}").splitlines()
         return "\n".join(lines)
 
@@ -670,10 +658,11 @@ def compare_models(
     explaining = [causes for causes, left in found if data.explains(left)]
     if explaining:
         (causes, residual), *_ = found
-        names, text = tuple(cause.kind for cause in causes), text_of_all(causes)
+        names, text = tuple(cause.kind for cause in causes), "; ".join(cause.text for cause in causes)
     elif found:
         different = different_robots(robot.model, other.model) if isinstance(other, Robot) else ""
-        moved = moved_joints(robot.model, other.model) if isinstance(other, Robot) and not different else []
+        common = common_joints(robot.model, other.model) if isinstance(other, Robot) and not different else {}
+        moved = [name for name, (_, is_placed_alike) in common.items() if not is_placed_alike]
         places = f"; {listed(moved)} {'have' if moved[1:] else 'has'} another axis or place" * bool(moved)
         nearest = "" if different else "; the nearest are below"
         names, text = ("unknown",), f"no hypothesis explains the difference{places}{nearest}"

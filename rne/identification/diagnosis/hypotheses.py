@@ -215,14 +215,13 @@ def judged(
 
     A score takes all numbers into account, or `by_rank` those that are independent of what is known.
     """
-    groups, masks = members(rest, h), [None] if h.masks is None else h.masks
-    at, alternatives = (np.broadcast_to(x, len(groups)).tolist() for x in (h.at, h.alternatives))
-    for j, (joints, group) in enumerate(groups):
+    masks = [None] if h.masks is None else h.masks
+    for j, (joints, group, at, alternatives) in enumerate(members(rest, h)):
         whole, best, score = rest.weighted(group), -1, least
         for m, mask in enumerate(masks):
             fit = rest.with_numbers(whole if mask is None else whole * mask[rest.row, None], h.numbers)
             numbers = fit[3] if by_rank else group.shape[-1]
-            tried = rest.gain(rest.by_joint(fit[2])) - rest.penalty(numbers) - float(np.log(alternatives[j]))
+            tried = rest.gain(rest.by_joint(fit[2])) - rest.penalty(numbers) - float(np.log(alternatives))
             if h.numbers == "few":
                 tried -= float(np.log(comb(group.shape[-1], np.count_nonzero(fit[0]))))
             if tried > score:
@@ -230,7 +229,7 @@ def judged(
         if best >= 0:
             mask = masks[best]
             size = (float(c[0]), float(error[0])) if len(c) == 1 else (float("nan"), float("nan"))
-            cause = Cause(kind_of(h, c), joints, text_of(h, c, j, best), score, *size, at[j], numbers=spent)
+            cause = Cause(kind_of(h, c), joints, text_of(h, c, j, best), score, *size, at, numbers=spent)
             yield cause, group if mask is None else group * mask[:, None, None], c
 
 
@@ -241,33 +240,26 @@ def kind_of(h: Hypothesis, c: Array) -> str:
     return "torque sign" if h.kind == GAIN and h.numbers != "few" and c[0] < -1 else h.kind
 
 
-def members(rest: Discrepancy, h: Hypothesis) -> list[tuple[tuple[str, ...], Array]]:
-    """Joints and columns of each member of a family, or of a single hypothesis."""
-    columns = columns_of(rest, h)
-    if h.numbers != "each":
-        return [(h.joints, columns)]
-    if not h.joints or columns.shape[-1] % len(h.joints):
-        of = f"{columns.shape[-1]} columns for {len(h.joints)} joints"
+def members(rest: Discrepancy, h: Hypothesis) -> Iterator[tuple[tuple[str, ...], Array, float, float]]:
+    """Joints, columns, place and alternatives of each member of a family, or of a single hypothesis."""
+    columns, joints = columns_of(rest, h), [(name,) for name in h.joints] if h.numbers == "each" else [h.joints]
+    if not joints or columns.shape[-1] % len(joints):
+        of = f"{columns.shape[-1]} columns for {len(joints)} joints"
         raise ValueError(f"`columns` of the hypothesis {h.kind!r} must be as many for each of its `joints`, got {of}")
-    return [(h.joints[j : j + 1], x) for j, x in enumerate(np.split(columns, len(h.joints), axis=-1))]
+    at, alternatives = (np.broadcast_to(x, len(joints)).tolist() for x in (h.at, h.alternatives))
+    yield from zip(joints, np.split(columns, len(joints), axis=-1), at, alternatives, strict=True)
 
 
 def one_by_one(rest: Discrepancy, given: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
-    """Hypotheses with families split into their members."""
+    """Hypotheses with their columns evaluated, families split into their members."""
     for h in given:
-        if h.numbers != "each":
-            yield h
-            continue
-        every = zip(
-            members(rest, h), *(np.broadcast_to(x, len(h.joints)).tolist() for x in (h.at, h.alternatives)), strict=True
-        )
-        for j, ((joints, columns), at, many) in enumerate(every):
+        for j, (joints, columns, at, many) in enumerate(members(rest, h)):
 
             def text(c: Array, _: int = 0, m: int = 0, h: Hypothesis = h, j: int = j) -> str:
                 return text_of(h, c, j, m)
 
-            own = {"at": at, "alternatives": many, "numbers": "all"}
-            yield replace(h, columns=columns, text=text, joints=joints, **own)
+            own: dict[str, Any] = {"numbers": "all"} if h.numbers == "each" else {}
+            yield replace(h, columns=columns, text=text, joints=joints, at=at, alternatives=many, **own)
 
 
 def hypotheses_argument(given: Any) -> tuple[Hypothesis, ...]:
@@ -369,7 +361,8 @@ def held_out_ratio(shares: tuple[Array, ...]) -> tuple[Array, Array]:
 
 def delays_of(rest: FitResiduals) -> list[Cause]:
     """Delays of records and joints visible in the residuals, selected one by one, then estimated together."""
-    names, options, left = rest.names, [x for h in delays(rest) for x in members(rest, h)], rest
+    names, left = rest.names, rest
+    options = [(joints, columns) for h in delays(rest) for joints, columns, *_ in members(rest, h)]
     chosen: list[tuple[tuple[str, ...], Array]] = []
     while options:
         fits = [left.with_columns(columns) for _, columns in options]
@@ -532,9 +525,8 @@ def zero_columns(rest: Discrepancy) -> Array:
 
 def slope(function: Callable[[float], Array]) -> Array:
     """Derivative at zero by central differences."""
-    return np.asarray(
-        (function(thresholds.DIFFERENCE) - function(-thresholds.DIFFERENCE)) / (2 * thresholds.DIFFERENCE)
-    )
+    step = thresholds.DIFFERENCE
+    return np.asarray((function(step) - function(-step)) / (2 * step))
 
 
 # Kinds that measurements alone have
@@ -734,10 +726,8 @@ def contacts(rest: FitResiduals) -> Iterator[Hypothesis]:
         begin, end = (time_text(rest, edges[k]) for k in spans[m])
         return f"something pushes {link} with {float(np.linalg.norm(c)):.3g} N from {begin} to {end}"
 
-    masks, many = (
-        np.array([(edges[a] <= place) & (place <= edges[b]) for a, b in spans]),
-        count * len(thresholds.WIDTHS),
-    )
+    masks = np.array([(edges[a] <= place) & (place <= edges[b]) for a, b in spans])
+    many = count * len(thresholds.WIDTHS)
     yield Hypothesis("contact", force, text, rest.names[-1:], alternatives=many, masks=masks)
 
 

@@ -85,10 +85,13 @@ class Screened:
     q: Array  # shape (T, n), single spikes and missing values interpolated; torques and velocities likewise
     tau: Array | None
     qd: Array | None
+    bridge: int  # most samples in a row that are interpolated
+    kind_of_stamps: str  # see `Record`
+    columns: dict[str, slice] = field(init=False)  # of positions, torques and velocities in arrays of all values
+    steps: Array = field(init=False)  # smallest step of each of these columns; zero where there is none
     interpolated: Array = field(init=False)  # True where a position is no sample, shape (T, n)
     usable: Array = field(init=False)  # False where a torque is not to be used, shape (T, n)
     believed: Array = field(init=False)  # True for joints whose measured velocities are those of the positions
-    encoder_step: Array = field(init=False)  # smallest step of the positions, shape (n,); zero where there is none
     segments: tuple[slice, ...] = ()  # the parts of the grid between gaps
     period: float = float("nan")  # from one sample to the next [s]
     notes: tuple[str, ...] = ()  # what was done though nothing is wrong
@@ -98,6 +101,8 @@ class Screened:
 
     def __post_init__(self) -> None:
         self.stamps, self.rows = self.t, np.arange(len(self.t))
+        self.usable, self.interpolated = np.ones(self.q.shape, bool), np.zeros(self.q.shape, bool)
+        self.believed = np.zeros(self.q.shape[1], bool)
 
     def warning(
         self, joint: int | None, kind: str, text: str, cure: str, at: Iterable[int] = (), severity: Severity = "warning"
@@ -113,8 +118,9 @@ class Screened:
 
     def cleaned(self) -> CleanRecord:
         """Clean record of the measurements, after screening."""
-        own = {x.name: getattr(self, x.name) for x in fields(CleanRecord)}
-        return CleanRecord(**(own | {"findings": tuple(self.findings)}))
+        own = {x.name: getattr(self, x.name) for x in fields(CleanRecord) if x.name != "encoder_step"}
+        own |= {"findings": tuple(self.findings), "encoder_step": self.steps[self.columns["position"]]}
+        return CleanRecord(**own)
 
     @property
     def has_errors(self) -> bool:

@@ -20,7 +20,7 @@ from ...files.log_columns import measured
 from ...files.logs import LogOptions
 from .. import thresholds
 from .commands import Commands
-from .findings import NO_COMMANDS, RecordFinding, torques_of
+from .findings import NO_COMMANDS, RecordFinding, Screened, torques_of
 from .prepared import Prepared, prepare
 from .screening import STAMPS, screen
 
@@ -164,7 +164,7 @@ class Record(ReadOnlyArrays):
         self.qd, self.command, self.command_rate = (None if x is None else x * factors for x in arrays.values())
         asked = None if self.command is None else Commands(self.command, self.command_rate, self.command_hold)
         of_motion = self.t, self.q, self.tau, self.qd
-        self.cleaned = screen(name, self.joint_names, *of_motion, self._bridge, stamps, asked)
+        self.cleaned = screen(Screened(name, self.joint_names, *of_motion, self._bridge, stamps), asked)
         self.findings: tuple[RecordFinding, ...] = self.cleaned.findings
         self.encoder_step: Array = self.cleaned.encoder_step
         self.sample_rate = 1 / self.cleaned.period

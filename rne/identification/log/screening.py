@@ -41,7 +41,7 @@ def is_gap(t: Array, period: float, bridge: int) -> Array:
     return np.asarray(np.diff(t) > (bridge + thresholds.LONG_STEP) * period)
 
 
-def check_order(found: Screened, t: Array, rows: Array, stamps: str) -> Array:
+def check_order(found: Screened, t: Array, rows: Array) -> Array:
     """True at samples to keep: times must ascend, and duplicate `rows` are kept once."""
     kept = np.ones(len(t), dtype=bool)
     steps = np.diff(t)
@@ -53,7 +53,7 @@ def check_order(found: Screened, t: Array, rows: Array, stamps: str) -> Array:
     if twice.all() and len(same):
         found.warning(None, "sample twice", found.at(same), "the second is left out", same)
         kept[same] = False
-    elif len(same) and (stamps == "sampled" or _pauses(t, 0)[0] == 0):
+    elif len(same) and (found.kind_of_stamps == "sampled" or _pauses(t, 0)[0] == 0):
         _refuse_same(found, same[~twice])
     return kept
 
@@ -63,22 +63,20 @@ def _refuse_same(found: Screened, same: Array) -> None:
     found.error("one time for different samples", found.at(same), cure, same)
 
 
-def check_stamps(
-    found: Screened, t: Array, q: Array, qd: Array | None, bridge: int, stamps: str
-) -> tuple[Array, float]:
+def check_stamps(found: Screened, t: Array, q: Array, qd: Array | None) -> tuple[Array, float]:
     """Times to use, and their period: the stamps, or equal steps where the reader of the log made them."""
     steps = np.diff(t)
     usual = np.abs(steps - np.median(steps)) <= np.median(steps) / 2
     period = float(steps[usual].mean())
-    counted_period, gap = _pauses(t, bridge)
+    counted_period, gap = _pauses(t, found.bridge)
     by_count = equal_steps(t, gap, counted_period)
-    whole = np.clip(np.rint(steps / period), 1, bridge + 1) if period else steps
+    whole = np.clip(np.rint(steps / period), 1, found.bridge + 1) if period else steps
     regular = thresholds.REGULAR * period
     is_grid = (whole > 1).mean() <= thresholds.LOST and (np.abs(steps - whole * period) <= regular).all()
     reason = ""
-    if stamps == "regular":
+    if found.kind_of_stamps == "regular":
         reason = "as `stamps` says"
-    elif stamps == "auto" and not (period and (is_grid or np.abs(t - by_count).max() <= regular)):
+    elif found.kind_of_stamps == "auto" and not (period and (is_grid or np.abs(t - by_count).max() <= regular)):
         reason = _made_by_reader(found, t, q, qd, by_count, gap, counted_period)
     if reason:
         off, usual = 1e3 * float(np.std(t - by_count)), 1e3 * counted_period
@@ -89,7 +87,7 @@ def check_stamps(
     elif (same := np.flatnonzero(steps == 0) + 1).size:
         _refuse_same(found, same)
     else:
-        gap = is_gap(t, period, bridge)
+        gap = is_gap(t, period, found.bridge)
     _check_gaps(found, t, period, gap)
     return t, period
 
@@ -282,41 +280,29 @@ def clipped(x: Array, step: float, moving: Array, spike: Array) -> Array:
     return found
 
 
-def screen(
-    name: str,
-    joint_names: tuple[str, ...],
-    t: Array,
-    q: Array,
-    tau: Array | None,
-    qd: Array | None,
-    bridge: int,
-    stamps: str,
-    commands: Commands | None = None,
-) -> CleanRecord:
+def screen(found: Screened, commands: Commands | None) -> CleanRecord:
     """Screen measurements: find faults, remove or cut them, and put the rest on equidistant grids."""
-    found, n = Screened(name, joint_names, t, q, tau, qd), q.shape[1]
-    qd = found.qd = _known_velocities(found, qd)
+    t, q, tau, n = found.t, found.q, found.tau, found.q.shape[1]
+    qd = found.qd = _known_velocities(found, found.qd)
     columns = {"position": q}
     if tau is not None:
         columns["torque"] = np.where(np.isfinite(tau).any(0), tau, 0.0)  # a torque that was never read is constant
     if qd is not None:
         columns["velocity"] = qd
-    parts = {kind: slice(k * n, (k + 1) * n) for k, kind in enumerate(columns)}
+    found.columns = {kind: slice(k * n, (k + 1) * n) for k, kind in enumerate(columns)}
     values = np.asfortranarray(np.hstack(list(columns.values())))
     tells = values if commands is None or tau is not None else np.hstack([values, commands.q])  # samples apart
-    kept = check_order(found, t, tells, stamps) & _numbers(found, columns)
+    kept = check_order(found, t, tells) & _numbers(found, columns)
     if commands is not None:
         commands, started = known_commands(found, commands)
         kept &= started | (tau is not None)
-    steps = np.array([encoder_step(x[np.isfinite(x)]) for x in values.T])
-    found.usable, found.believed, found.encoder_step = np.ones(q.shape, bool), np.zeros(n, bool), steps[:n]
-    found.interpolated = np.zeros(q.shape, bool)
+    found.steps = np.array([encoder_step(x[np.isfinite(x)]) for x in values.T])
     _check_there(found, tau, kept)
     if found.has_errors:
         return found.cleaned()
     found.rows = np.flatnonzero(kept)
     values = values if kept.all() else np.asfortranarray(values[kept])
-    _screen_values(found, t[kept], values, (parts, steps), bridge, stamps, commands)
+    _screen_values(found, t[kept], values, commands)
     return found.cleaned()
 
 
@@ -330,36 +316,28 @@ def _check_there(found: Screened, tau: Array | None, kept: Array) -> None:
         found.error("too few samples:", f"{int(kept.sum())} are usable{why}", cure)
 
 
-def _screen_values(
-    found: Screened,
-    t: Array,
-    measured: Array,
-    named: tuple[dict[str, slice], Array],
-    bridge: int,
-    stamps: str,
-    commands: Commands | None,
-) -> None:
-    """Screen the values of the samples kept, of quantities in these columns and with these smallest steps (`named`)."""
-    parts, steps = named
+def _screen_values(found: Screened, t: Array, measured: Array, commands: Commands | None) -> None:
+    """Screen the values of the samples kept."""
+    parts, steps = found.columns, found.steps
     usable = found.usable[found.rows]
     q = measured[:, parts["position"]]  # a view: what is interpolated in `measured` is so in this
     velocities = measured[:, parts["velocity"]] if "velocity" in parts else None
-    times, found.period = check_stamps(found, t, q, velocities, bridge, stamps)
+    times, found.period = check_stamps(found, t, q, velocities)
     if found.has_errors:
         return
     _check_unit_of_times(found, times, q, velocities)
     usual = [usual_deviation(x, step) for x, step in zip(measured.T, steps, strict=True)]
     flags = np.column_stack([spikes(x, level) for x, level in zip(measured.T, usual, strict=True)])
     longest = thresholds.LONGEST_SPIKE
-    for after in 1 + np.flatnonzero(is_gap(times, found.period, bridge)):  # samples beside a gap: no neighbours
+    for after in 1 + np.flatnonzero(is_gap(times, found.period, found.bridge)):  # samples beside a gap: no neighbours
         flags[max(after - longest, 0) : after + longest] = False
     if torque := parts.get("torque"):
         usable &= _usable_torques(found, q, measured[:, torque], steps[torque], flags[:, torque])
         flags[:, torque] &= usable
     cuts = _check_jumps(found, t, q, usual, flags)
     for kind, part in parts.items():
-        _check_spikes(found, kind, measured[:, part], flags[:, part], bridge)
-    long_runs = _interpolate(times, measured, flags, bridge)
+        _check_spikes(found, kind, measured[:, part], flags[:, part])
+    long_runs = _interpolate(times, measured, flags, found.bridge)
     _check_motion(found, q, steps[parts["position"]])
     if velocities is not None and not found.has_errors:
         found.believed = _check_velocities(found, times, q, velocities)
@@ -367,7 +345,7 @@ def _screen_values(
         check_commands(found, commands, q)
     if not found.has_errors:
         found.interpolated = flags[:, parts["position"]]
-        _put_on_grid(found, times, (measured, parts), usable, ~long_runs, cuts, bridge)
+        _put_on_grid(found, times, measured, usable, ~long_runs, cuts)
         if commands is not None:
             every = np.interp(np.arange(len(commands.q)), found.rows, times)
             found.command, found.command_rate = commands.at(every, found.t, thresholds.REGULAR * found.period)
@@ -452,13 +430,13 @@ def _check_jumps(found: Screened, t: Array, q: Array, usual: list[Array], flags:
     return lost if is_noise else every
 
 
-def _check_spikes(found: Screened, kind: str, values: Array, flags: Array, bridge: int) -> None:
+def _check_spikes(found: Screened, kind: str, values: Array, flags: Array) -> None:
     """Report spikes, and repeated positions during motion; common ones are noise."""
     for j, x in enumerate(values.T):
         samples = np.flatnonzero(flags[:, j])
         if not len(samples):
             continue
-        spans = runs(flags[:, j])
+        spans, bridge = runs(flags[:, j]), found.bridge
         cut = sum(b - a > bridge for a, b in spans)
         cure = "interpolated" if not cut else f"interpolated up to {bridge} in a row, cut out at {cut} longer runs"
         if len(samples) > thresholds.COMMON * len(x):
@@ -526,22 +504,13 @@ def _check_velocities(found: Screened, t: Array, q: Array, qd: Array) -> Array:
     return believed
 
 
-def _put_on_grid(
-    found: Screened,
-    t: Array,
-    named: tuple[Array, dict[str, slice]],
-    usable: Array,
-    kept: Array,
-    cuts: Array,
-    bridge: int,
-) -> None:
+def _put_on_grid(found: Screened, t: Array, values: Array, usable: Array, kept: Array, cuts: Array) -> None:
     """Put the samples kept on equidistant grids, one between two gaps or cuts."""
     from scipy.interpolate import CubicSpline
 
-    (values, columns), made = named, found.interpolated
-    rows, period = np.flatnonzero(kept), found.period
+    rows, period, made = np.flatnonzero(kept), found.period, found.interpolated
     regular = thresholds.REGULAR * period
-    gap = is_gap(t[rows], period, bridge)
+    gap = is_gap(t[rows], period, found.bridge)
     gap |= np.searchsorted(cuts, rows[1:]) > np.searchsorted(cuts, rows[:-1])
     parts = [(t[:0], values[:0], usable[:0], made[:0])]
     for part in np.split(rows, np.flatnonzero(gap) + 1):
@@ -566,6 +535,7 @@ def _put_on_grid(
     found.segments = consecutive(len(grid) for grid, *_ in parts[1:])
     joined = parts[1] if len(parts) == 2 else [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
     found.t, measured, found.usable, found.interpolated = joined
-    found.q = measured[:, columns["position"]]
-    found.tau = measured[:, columns["torque"]] if "torque" in columns else None
-    found.qd = measured[:, columns["velocity"]] if "velocity" in columns else None
+    found.q = measured[:, found.columns["position"]]
+    found.tau, found.qd = (
+        measured[:, found.columns[kind]] if kind in found.columns else None for kind in ("torque", "velocity")
+    )
