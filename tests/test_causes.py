@@ -803,7 +803,7 @@ def test_a_load_on_an_inner_link_is_told_with_its_link(whole_log):
     )
     found = rne.identify(robot, Record(c.t, q, tau), consistent=False)
     assert found.causes[0].kind == "payload changed"
-    assert re.match(r"the load on the link behind shoulder_lift_joint changes near (8|9|10)\.", found.causes[0].text)
+    assert re.match(r"the load on the link distal to shoulder_lift_joint changes near (8|9|10)\.", found.causes[0].text)
     assert "likewise" not in found.causes[0].text  # links beside it look alike, and are not loaded too
 
 
@@ -873,7 +873,7 @@ def test_a_warning_can_be_an_error():
 
 @pytest.mark.parametrize(
     ("felt", "text"),
-    [(0, "the load on the link behind joint_1 changes near 3 s"), (1, "the payload changes by 2 kg near 3 s")],
+    [(0, "the load on the link distal to joint_1 changes near 3 s"), (1, "the payload changes by 2 kg near 3 s")],
 )
 def test_a_load_whose_mass_is_not_felt_is_named_without_one(felt, text, monkeypatch):
     monkeypatch.setattr(hypotheses, "starts", lambda rest: (["3 s"], np.ones((1, 4), bool)))

@@ -339,7 +339,7 @@ def test_ranges_of_a_joint_and_its_mimic_that_exclude_each_other():
     place = np.arange(3) == mimic
     ranges = {"lower": np.where(place, 2.0, -1.0), "upper": np.where(place, 3.0, 1.0)}
     robot = rne.Robot(replace(PAIR, multiplier=np.ones(3), offset=np.zeros(3), **ranges))
-    with pytest.raises(ValueError, match=r"^`positions` must have lower <= upper, also with those of mimics, got "):
+    with pytest.raises(ValueError, match=r"^`positions` must have lower <= upper, also for mimic joints, got "):
         robot.bounds(positions="limits", quantities=["gravity_torque"])
 
 

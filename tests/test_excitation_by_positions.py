@@ -83,7 +83,11 @@ def test_what_positions_cannot_tell_is_left_out_and_named(scene):
         ({"wrt": None}, ValueError, "`wrt` must name the numbers of the scene that are to be found from positions, "),
         ({"wrt": "q0"}, ValueError, "`wrt` must name numbers that are to be found from positions, got 'q0'"),
         ({"wrt": "controller.stall_torque"}, ValueError, "`wrt`: positions along 2 random motions depend on none of "),
-        ({"locked": [0]}, ValueError, "`locked` is for `measured` 'torques'; those of positions are of the scene"),
+        (
+            {"locked": [0]},
+            ValueError,
+            "`locked` is for `measured` 'torques'; for 'positions' both are given by the scene",
+        ),
         ({"measured": "torques"}, ValueError, "`wrt` is for `measured` 'positions'; from torques base parameters are "),
         ({"criterion": "a-optimal"}, ValueError, "`criterion` must be one of ['condition', 'd-optimal'], got 'a-opt"),
         ({"wrt": "controller.kq"}, KeyError, '"the scene has the numbers '),

@@ -173,11 +173,11 @@ def test_each_joint_of_a_cause_is_told_with_its_own_number():
     others = [f"{text} (drive_gains of Record.from_motors)" for text in others]
     assert merged_text(others) == "; ".join(others)
     causes = [
-        Cause("joint zero", (x,), f"the zero of {x} is off by 1 rad", 9.0, effect=f"5 -> 3 % on {x}") for x in "ab"
+        Cause("joint zero", (x,), f"the zero of {x} is wrong by 1 rad", 9.0, effect=f"5 -> 3 % on {x}") for x in "ab"
     ]
     (both,) = merged_by_kind(causes)
     assert (both.joints, both.effect) == (("a", "b"), "5 -> 3 % on a, 5 -> 3 % on b")
-    assert both.text == "the zero of a, b is off by 1 rad"
+    assert both.text == "the zero of a, b is wrong by 1 rad"
     assert merged_by_kind([causes[0], causes[0]._replace(text="of another record")]) == (causes[0],)
     causes[0] = causes[0]._replace(effect="5 -> 3 % on a, 4 -> 2 % on b")  # each was judged alone
     assert merged_by_kind(causes)[0].effect == "5 -> 3 % on a, 4 -> 2 % on b"

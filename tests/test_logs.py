@@ -750,7 +750,7 @@ def test_other_and_damaged_texts_are_refused(text, error, tmp_path):
 def test_arguments_that_do_not_belong_are_refused(tmp_path):
     path = table(tmp_path / "log.csv", ["t", *names_of("q", "tau")], T, Q, TAU)
     for options, text in (
-        ({"unit": "deg"}, "give `units` and `joints` in place of `unit` and `joint_names`"),
+        ({"unit": "deg"}, "give `units` and `joints` instead of `unit` and `joint_names`"),
         ({"columns": {"torque": 1}}, '`columns` must be of "t", "q", "qd", "tau", "command" and "command_rate", got \'torque\''),
         ({"columns": {"tau": "effort"}}, f"{path}: there is no column 'effort', which `columns` asks for; there are 't', 'q.shoulder', 'q.elbow', 'q.wrist', 'tau.shoulder', 'tau.elbow', 'tau.wrist'"),
         ({"time_unit": "min"}, '`time_unit` must be "s", "ms", "us" or "ns", got \'min\''),

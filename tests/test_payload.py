@@ -865,7 +865,11 @@ CHANGED = {  # what else differs in the record with the load: its kind, joints a
         ("joint_4",),
         r"the torque of joint_4 is measured 1\.[12]\d* times with the load, not without it",
     ),
-    "zero": ("joint zero", ("joint_4",), r"the zero of joint_4 is off by -?0\.0\d+ rad with the load, not without it"),
+    "zero": (
+        "joint zero",
+        ("joint_4",),
+        r"the zero of joint_4 is wrong by -?0\.0\d+ rad with the load, not without it",
+    ),
     "offset": ("offset", ("joint_4",), r"the torque of joint_4 is 0\.\d+ N m larger with the load, not without it"),
     "base": ("gravity direction", (), r"gravity acts along .* degrees from the model's with the load, not without it"),
     "body": (

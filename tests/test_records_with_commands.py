@@ -171,9 +171,9 @@ def test_positions_that_are_missing_take_no_command_with_them():
 @pytest.mark.parametrize(
     ("command", "q", "text"),
     [
-        (np.rad2deg(COMMAND), Q, "unit of the command: degrees beside positions in rad"),
-        (COMMAND, np.rad2deg(Q), "unit of the command: rad beside positions in degrees"),
-        (1e3 * COMMAND, Q, "unit of the command: mm beside positions in m"),
+        (np.rad2deg(COMMAND), Q, "unit of the command: degrees, positions in rad"),
+        (COMMAND, np.rad2deg(Q), "unit of the command: rad, positions in degrees"),
+        (1e3 * COMMAND, Q, "unit of the command: mm, positions in m"),
         (COMMAND + 4 * np.pi, Q, "command is 2 turns from the position"),
         (np.mod(COMMAND + np.pi, 2 * np.pi) - np.pi + 0 * Q, Q, ""),
         (np.mod(COMMAND, 2 * np.pi), Q, "jump of the command"),

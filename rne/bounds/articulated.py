@@ -1,8 +1,9 @@
 """Least eigenvalue of M of a serial chain: pivots of M - P / t by articulated inertias over boxes of positions.
 
-From the tip to the base, each pivot depends on the joints behind it alone (Featherstone 2008, 7.3). What a joint passes
-on is concave and monotone in the inertia behind it, and of degree 2 in its own angle. Over a range of the angle it is
-thus a mean of five control points (Farin 2002, ch. 13), with which the recursion goes on. No slack is needed.
+From the tip to the base, each pivot depends only on the joints distal to it (Featherstone 2008, 7.3). The inertia that
+a joint passes on is concave and monotone in the inertia distal to it, and of degree 2 in the joint's angle. Over a
+range of the angle it is thus a mean of five control points (Farin 2002, ch. 13), with which the recursion continues.
+No slack is needed.
 """
 
 from __future__ import annotations
@@ -119,7 +120,7 @@ class ArticulatedSearch:
     def holds(self, cells: Array) -> tuple[Array, Array]:
         """True for leaves whose pivots are positive, (boxes, leaves), and the second joint's worst positions (boxes,).
 
-        A leaf is one choice of a control point for each joint behind the second.
+        A leaf is one choice of a control point for each joint distal to the second.
         """
         (lower, upper), boxes = np.moveaxis(cells, 2, 0), len(cells)
         S, valid = np.tile(self.bodies[-1][:, None], (boxes, 1, 1)), np.ones((boxes, 1), dtype=bool)

@@ -398,7 +398,7 @@ def torque_criteria(terms: RobotPolynomials, rates: Array, accelerations: Array)
             return np.asarray(c[:, i, j] * np.where(i == j, 1, 2))
 
         c = dM.mapped(symbols, 3 * np.full(len(i), dM.terms.max()))
-        return Torque(gravity(k).beside(M.mapped(lambda x: x[:, k]), c), rates, accelerations)
+        return Torque(gravity(k).joined(M.mapped(lambda x: x[:, k]), c), rates, accelerations)
 
     return [of(k) for k in range(len(rates))]
 
@@ -451,9 +451,9 @@ def angle(v: Array, w: Array) -> Array:
 def gravity_torques_of_full_turns(model: Model) -> Array:
     """Upper bounds of |g_i|, shape (nb,); UNKNOWN for sliding joints, and UNKNOWN or 0 for the joints before them.
 
-    The first moment s_i(q) of the bodies behind joint i is seen from frame i. Its largest component along w, h_i(w), is
-    convex in w, and after a full turn of the joint in front it depends on the angle between w and that joint's axis
-    alone: one table of a single angle for each joint, from the last to the first, whatever the number of joints.
+    The first moment s_i(q) of the bodies distal to joint i is expressed in frame i. Its largest component along w,
+    h_i(w), is convex in w, and after a full turn of the joint before it depends only on the angle between w and that
+    joint's axis: one table of a single angle for each joint, from the last to the first, for any number of joints.
     """
     weight = np.linalg.norm(model.gravity)
     most = np.array([tables[HALF] for tables in support_tables(model)])

@@ -184,7 +184,7 @@ def local_maximum(
 
 
 def short_basis(gram: Array, circle: Array) -> Array:
-    """Integer matrix B of q = B x, det B = 1, for which second derivatives by x, diag(B^T gram B), are small.
+    """Integer matrix B of q = B x, det B = 1, with small second derivatives with respect to x, diag(B^T gram B).
 
     Full turns of all angles are full turns of all x. Pairs of columns are reduced as by Lagrange (Cohen 1993, 1.3).
     Where axes are parallel, x are sums of angles.
@@ -308,7 +308,7 @@ class CellSearch:
 
     @property
     def curvature(self) -> Array:
-        """Bound K_k of the second derivative by each coordinate; -1 for those kept at their middle."""
+        """Bound K_k of the second derivative with respect to each coordinate; -1 for those kept at their middle."""
         return np.where(self.free, self.share @ self.curvatures, -1.0)
 
     def corners_expected(self) -> float:

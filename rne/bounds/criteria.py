@@ -18,7 +18,7 @@ ROUNDING = 2000 * float(np.finfo(float).eps)
 AT_ONCE = 500  # arrays whose norm is computed at once
 SWEEPS = 2  # sweeps over the rates in the search for a largest torque
 TINY = 1e-300
-ELSEWHERE = 0.1  # importance of directions other than that of the extreme eigenvalue
+ELSEWHERE = 0.1  # importance of other directions than the extreme eigenvalue's
 
 
 def positive_definite(A: Array) -> Array:
@@ -55,7 +55,7 @@ class Criterion:
     ratios: dict[tuple[int, int], float] = field(default_factory=dict, init=False)  # known, of groups and coordinates
     has_ratios: ClassVar[bool] = True
     time_model: ClassVar[tuple[float, float]] = (0.3, 2.5)  # least next gap / gap; work is about gap^-exponent
-    of_value: ClassVar[int] = 0  # operations of `values` beside those of `holds`, for each position
+    of_value: ClassVar[int] = 0  # operations of `values` in addition to those of `holds`, for each position
 
     def values(self, q: Array) -> Array:
         """Values phi(A(q)) at positions, shape (N,); by default from the moduli."""
@@ -94,7 +94,7 @@ class Criterion:
         return self.polynomial.coefficients
 
     def ratio(self, arrays: Array, on: Array, weights: Array, known: float) -> float:
-        """Largest phi of some arrays over the weighted sum of the modes `on`, or `known`, that of earlier arrays."""
+        """Largest phi of arrays over the weighted sum of the modes `on`, or `known`, the ratio of earlier arrays."""
         return max(known, float(self.moduli(arrays).max() / (weights @ self.modes[on])))
 
     def slack(self, weights: Array) -> Any:
@@ -142,7 +142,7 @@ class Norm(Criterion):
     """Largest modulus of the eigenvalues of a symmetric matrix; slacks are symmetric matrices.
 
     For a complex symmetric c and any phase, the real part of exp(i phase) v^T c v is at most v^T Re (c^* c)^1/2 v, by
-    Takagi's factorisation. Where A is known to be `positive` definite, its largest eigenvalue alone is tested.
+    Takagi's factorisation. Where A is known to be `positive` definite, only its largest eigenvalue is tested.
     """
 
     positive: bool = field(default=False, kw_only=True)
@@ -271,7 +271,7 @@ class Coriolis(Criterion):
         return holds
 
     def _rows(self, c: Array) -> Array:
-        """Weighted c_ijk, i <= j, whose largest singular value is over all symmetric matrices, not v v^T alone."""
+        """Weighted c_ijk, i <= j, whose largest singular value is over all symmetric matrices, not only v v^T."""
         i, j, weight = self._pairs
         return np.asarray(c[:, i, j] * weight[:, None])
 
@@ -310,7 +310,7 @@ class Coriolis(Criterion):
 class Torque(Criterion):
     """Largest torque of joint k within bounds of rates and accelerations.
 
-    A holds, side by side: the gravity torque g(q), for `values` alone; a, b and c of g = a + b cos q_1 + c sin q_1 if
+    A holds, side by side: the gravity torque g(q), for `values` only; a, b and c of g = a + b cos q_1 + c sin q_1 if
     nothing else depends on q_1, otherwise g, 0, 0; row k of M; the factors of v_i v_j, i <= j. Over a full turn
     b cos q_1 + c sin q_1 is at most (b^2 + c^2)^1/2. M qdd is largest at +-accelerations. The quadratic form of the
     rates is convex in each rate whose diagonal factor is not negative; without negative ones it is largest at +-rates.

@@ -50,7 +50,7 @@ def box_argument(model: Model, positions: Any) -> PositionBox:
     periodic = np.array([whole[np.array(model.coordinate) == k].all() for k in range(model.n)], bool)
     circle = periodic & (np.array(isinstance(positions, str) and positions == "circle") | (upper - lower >= 2 * np.pi))
     if (~circle & (lower > upper)).any():
-        raise ValueError(f"`positions` must have lower <= upper, also with those of mimics, got {lower} and {upper}")
+        raise ValueError(f"`positions` must have lower <= upper, also for mimic joints, got {lower} and {upper}")
     for k in np.flatnonzero(~circle & ~np.isfinite(upper - lower)):
         turns = model.is_revolute[model.independent_joints[k]]
         why = "drives joints that turn by a fraction of its angle or slide" if turns else "slides"
@@ -72,7 +72,7 @@ class Polynomial:
     operations: int = 0  # of `evaluate`, for each position
 
     def derivatives(self, basis: Array) -> tuple[Array, Array]:
-        """Bounds of a mode's first and second derivative by each x of q = basis x, shape (modes, n)."""
+        """Bounds of a mode's first and second derivative with respect to each x of q = basis x, shape (modes, n)."""
         slope = abs(self.frequency @ basis) + self.power
         return slope, slope**2 - self.power_squares  # x^p has p (p - 1)
 
@@ -83,7 +83,7 @@ class Polynomial:
             self, evaluate=lambda q: linear(self.evaluate(q)), coefficients=linear(self.coefficients), terms=terms
         )
 
-    def beside(self, *others: Polynomial) -> Polynomial:
+    def joined(self, *others: Polynomial) -> Polynomial:
         """Polynomial of several arrays of one row each, side by side."""
         from scipy.linalg import block_diag
 

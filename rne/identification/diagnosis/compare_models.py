@@ -1,7 +1,7 @@
-"""Likely cause of a difference between two models: hypotheses as those for an identification's residuals.
+"""Likely cause of a difference between two models, by hypotheses as for the residuals of an identification.
 
-The residuals are torques of the other model less the robot's at states without noise. Hypotheses have columns, a few
-free numbers or none; those that are not linear are columns of the change that fits best.
+The residuals are torques of the other model minus the robot's, at states without noise. Hypotheses have columns and few
+free numbers or none. One that is not linear in its numbers has the column of the change that fits best.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ OF_FEW_JOINTS = {  # kind: noun, and the kinds of single joints with their symbo
     "spring": ("torque of springs", {"spring": ""}),
     "friction by direction": ("viscous friction in one direction", {"friction by direction": ""}),
 }
-PLACES = ("axis", "translation", "rotation")  # fields in which joints of one name may differ, beside their type
+PLACES = ("axis", "translation", "rotation")  # fields in which joints of one name may differ, in addition to their type
 SHOWN = 5  # number of candidates in a report
 
 Other = Robot | Callable[[Array, Array, Array], Any] | Sequence[Any]
@@ -63,7 +63,7 @@ Explanation = tuple[tuple[Cause, ...], Array]  # causes that act together; resid
 class TorqueDifference(Discrepancy):
     """Difference of torques between another model and the robot at some states, in units of the allowed rounding.
 
-    Joint friction is not among the robot's torques. Columns that are `known`, shape (R, k), are fitted with any others.
+    The robot's torques are without joint friction. Columns that are `known`, shape (R, k), are fitted with any others.
     """
 
     resolution = thresholds.ROUNDED_PART, thresholds.ROUNDED_PART
@@ -97,7 +97,7 @@ class TorqueDifference(Discrepancy):
         states = [x[self.chosen] for x in self.states]
         return TorqueDifference(self.robot, states, self.tau[self.chosen], self.sigma)
 
-    def beside(self, known: Array | None, torques: Array | float = 0.0) -> TorqueDifference:
+    def given(self, known: Array | None, torques: Array | float = 0.0) -> TorqueDifference:
         """Difference minus some torques, with known columns, shape (R, k)."""
         return TorqueDifference(self.robot, self.states, self.tau - torques, self.sigma, known)
 
@@ -263,7 +263,8 @@ class Changes:
         torques = [*(torques_of(data.robot, self.conventions, few.states) - few.expected)]
         torques += [columns_of(data, h)[data.chosen, :, 0] for h in self.switches]
         self.values = (np.array(torques) / data.sigma).reshape(len(torques), -1)
-        self.alternatives = [x.alternatives for x in (*self.conventions, *self.switches)]
+        changes: list[Any] = [*self.conventions, *self.switches]
+        self.alternatives = [change.alternatives for change in changes]
 
     def scores(self, few: TorqueDifference) -> Array:
         """Scores of the changes, in the sense of `judged`."""
@@ -385,7 +386,7 @@ def changes_of_body(data: TorqueDifference, i: int) -> Iterator[tuple[Hypothesis
 
 
 def explanations(data: TorqueDifference, given: Sequence[Hypothesis]) -> list[Explanation]:
-    """Explanations, the best first; two causes together only where none alone explains the difference."""
+    """Explanations, the best first; of two causes together only if no single one explains the difference."""
     linear = [*one_by_one(data, (*hypotheses_of_models(data), *given))]
     changes = Changes(data, [h for h in linear if h.numbers == "switches"])
     linear = [h for h in linear if h.numbers != "switches"]
@@ -415,16 +416,16 @@ def two_together(data: TorqueDifference, linear: Sequence[Hypothesis], changes: 
         for h in linear
     ]
     for i, h in enumerate(linear):
-        beside = data.few.beside(data.few.weighted(columns_of(data.few, few[i])))
+        beyond = data.few.given(data.few.weighted(columns_of(data.few, few[i])))
         later = [
             k for k in range(i + 1, len(few)) if h.kind != few[k].kind and not {h.kind, few[k].kind} <= OTHER_BODIES
         ]
-        scores = [next(judged(beside, few[k], by_rank=True))[0].score for k in later]
-        others = [x for x in changes.nearest(beside, 1) if x.kind != h.kind]
+        scores = [next(judged(beyond, few[k], by_rank=True))[0].score for k in later]
+        others = [x for x in changes.nearest(beyond, 1) if x.kind != h.kind]
         others += [linear[later[int(np.argmax(scores))]]] if scores else []
-        known = data.beside(data.weighted(columns_of(data, h)))
+        known = data.given(data.weighted(columns_of(data, h)))
         for second, columns, c in (x for other in others for x in judged(known, other, by_rank=True)):
-            rest = data.beside(None, columns @ c)
+            rest = data.given(None, columns @ c)
             for (first,), left in explanation(rest, h) if c.any() else ():
                 gain = data.gain(known.squares) - rest.gain(rest.by_joint(left))  # of the first before the second
                 causes = first._replace(score=first.score + gain), second
@@ -497,7 +498,7 @@ def common_joints(one: Model, other: Model) -> dict[str, tuple[bool, bool]]:
 
 
 def different_robots(one: Model, other: Model) -> str:
-    """Sentence on the joints that agree, if fewer than half of those of the smaller robot do; otherwise empty."""
+    """Sentence on the joints that agree, if they are fewer than half of the smaller robot's joints; otherwise empty."""
     same = sum(map(all, common_joints(one, other).values()))
     n = min(len(one.moving_joints), len(other.moving_joints))  # an arm is the same with a hand of many joints
     return f"different robots: {same} of {n} joints have the same name, axis and place" if 2 * same < n else ""
@@ -603,7 +604,7 @@ def compare_models(
 
     Each hypothesis of a list is a change of the robot with few free numbers. Those that explain the difference, in
     every joint, to rounding are compared by their free numbers and the number of alternatives that they were chosen
-    from: the one that needs fewest is named. Two hypotheses act together only where none alone explains it.
+    from: the one that needs fewest is named. Two hypotheses act together only if no single one explains it.
 
     Parameters
     ----------
@@ -674,5 +675,5 @@ def compare_models(
     candidates, equivalent = tuple(causes for causes, _ in found), tuple(dict.fromkeys(map(together, others)))
     shares = tuple(float(np.linalg.norm(left) / np.linalg.norm(data.left)) for _, left in found)
     difference, unexplained, accuracy = map(data.relative, errors)
-    told = difference, unexplained, accuracy, candidates, equivalent, shares, different
-    return ModelComparison(data.names, names, text, *told)
+    details = difference, unexplained, accuracy, candidates, equivalent, shares, different
+    return ModelComparison(data.names, names, text, *details)

@@ -1,8 +1,8 @@
 """Conventions of joints and torques that a log or another model may use: order, signs, zeros and units.
 
 The joints of the robot are at q' = a (s q)[order] + b, with rates and accelerations scaled by a', and have the torques
-tau' = (t tau)[torque_order]. `rne.compare_models` tries all of them on torques of another model, and the causes of an
-identification's residuals those of single joints and pairs on a log.
+tau' = (t tau)[torque_order]. `rne.compare_models` tries all of them on torques of another model; the search for causes
+of an identification's residuals tries changes of single joints and of pairs on a log.
 """
 
 from __future__ import annotations
@@ -57,10 +57,10 @@ def turning(robot: Robot) -> Array:
     return np.asarray(robot.model.is_revolute[list(robot.model.independent_joints)])
 
 
-def conventions(robot: Robot, kinds: Iterable[str] = KINDS, *, alone: bool = False) -> Iterator[Convention]:
-    """Conventions of some kinds, with the fewest changes of a kind first; or those of one joint or two."""
+def conventions(robot: Robot, kinds: Iterable[str] = KINDS, *, single: bool = False) -> Iterator[Convention]:
+    """Conventions of some kinds, with the fewest changes of a kind first; with `single`, of one joint or two only."""
     n, names, slides = robot.n, robot.joint_names, ~turning(robot)
-    numbers, most = tuple(range(n)), 1 if alone else n
+    numbers, most = tuple(range(n)), 1 if single else n
     own = Convention("", 1.0, str, numbers, (1.0,) * n, (0.0,) * n, (1.0, 1.0), numbers, (1.0,) * n)
 
     def order_text(what: str, order: Sequence[int]) -> str:
@@ -75,9 +75,9 @@ def conventions(robot: Robot, kinds: Iterable[str] = KINDS, *, alone: bool = Fal
 
     signs = partial(variants, n, 1.0, (-1.0,), most)
     zeros = ((x, k) for x, k in variants(n, 0.0, QUARTERS, most) if not np.any(x, where=slides))
-    units = [(DEGREE, DEGREE)] if alone else [(a, b) for a in MISTAKEN for b in (1.0, a)]
+    units = [(DEGREE, DEGREE)] if single else [(a, b) for a in MISTAKEN for b in (1.0, a)]
     table: dict[str, tuple[Iterable[tuple[Any, float]], tuple[str, ...], Callable[[Any], str]]] = {
-        "joint order": (orders(n, alone), ("order", "torque_order"), partial(order_text, "joints")),
+        "joint order": (orders(n, single), ("order", "torque_order"), partial(order_text, "joints")),
         "torque order": (orders(n, True), ("torque_order",), partial(order_text, "torques")),
         "axis flipped": (signs(), ("sign", "torque_sign"), partial(sign_text, "the axis of {} points the other way")),
         "torque sign": (signs(), ("torque_sign",), partial(sign_text, "torques have the opposite sign in {}")),
@@ -91,9 +91,9 @@ def conventions(robot: Robot, kinds: Iterable[str] = KINDS, *, alone: bool = Fal
             yield own._replace(kind=kind, alternatives=alternatives, text=partial(text, x), **changed)
 
 
-def orders(n: int, alone: bool) -> Iterator[tuple[tuple[int, ...], float]]:
-    """Orders of the joints, for more than eight only exchanges of two; each with its number of alternatives."""
-    if alone or factorial(n) > thresholds.CONVENTIONS:
+def orders(n: int, pairs: bool) -> Iterator[tuple[tuple[int, ...], float]]:
+    """Orders of the joints, each with its number of alternatives; of more than eight joints only exchanges of two."""
+    if pairs or factorial(n) > thresholds.CONVENTIONS:
         for i, j in combinations(range(n), 2):
             yield tuple({i: j, j: i}.get(k, k) for k in range(n)), 2 * comb(n, 2)
         return

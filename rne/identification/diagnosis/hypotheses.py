@@ -1,10 +1,10 @@
 """Hypotheses on torques that a model leaves unexplained, among them the causes of an identification's residuals.
 
-A hypothesis adds columns X to the torques of a model: derivatives by a delay, a gear ratio or a zero, the torques of a
-payload from some time on, those of a force at the last link for a while. Least squares with these columns give the
-reduction of the residuals; its score is the gain of log likelihood, each joint with its own noise, less log(N) / 2
-per free number (Schwarz 1978) and the logarithm of how many alternatives were tried. Causes that are no small change,
-such as torques of the wrong sign or joints in another order, are tried by fitting again.
+A hypothesis adds columns X to the torques of a model: derivatives with respect to a delay, a gear ratio or a zero, the
+torques of a payload from some time on, or of a temporary force on the last link. Least squares with these columns gives
+the reduction of the residuals. The score is the gain of log likelihood, each joint with its own noise, minus log(N) / 2
+per free number (Schwarz 1978) and the logarithm of the number of alternatives tried. Changes that are not small, such
+as torques of the wrong sign or joints in another order, are tried by fitting again.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ LOGGER = logging.getLogger("rne")
 STRIBECK, SIZE, DIRECTION, GAIN = "Stribeck friction", "gravity magnitude", "gravity direction", "torque factor"
 LOAD = "payload changed"
 EVENTS = (LOAD, "encoder slip", "contact", "friction changed", "offset drifts")  # kinds judged by short blocks
-GEARS = ("friction under load", "friction by direction", "pre-sliding friction", STRIBECK)  # those of healthy gears
+GEARS = ("friction under load", "friction by direction", "pre-sliding friction", STRIBECK)  # also in healthy gears
 DRIVES = {"Ia": "rotor", "Fv": "viscous friction", "Fc": "Coulomb friction", "tau0": "offset"}  # kinds of symbols
 NOT_ASKED = "the drive of {joint} has %s of {size:.3g}, which was not asked for"
 OF_JOINTS: dict[str, tuple[str, Torques, float]] = {  # kind: text, torque of each joint, scale of the printed number
@@ -130,7 +130,7 @@ class Cause(NamedTuple):
     numbers: int = 0
 
 
-WITH_GEARS = " with gear friction modelled"  # of an effect: where it is that beside friction of gears
+WITH_GEARS = " with gear friction modelled"  # added to an effect that is judged with friction of gears in the model
 Trial = Callable[[FitResiduals], tuple[Array, ...]]  # validation errors without and with a change
 LinearCauses = tuple[int, list[tuple[Cause, Array, Trial]]]  # number tried; evident causes with their columns
 
@@ -139,7 +139,7 @@ LinearCauses = tuple[int, list[tuple[Cause, Array, Trial]]]  # number tried; evi
 class Hypothesis:
     """Possible cause of torques that a model does not explain: columns of torque, and a text for their numbers.
 
-    `rne.identify` and `rne.compare_models` have many, and try those of their argument `hypotheses` too.
+    `rne.identify` and `rne.compare_models` try many, and also those of their argument `hypotheses`.
 
     Attributes
     ----------
@@ -150,7 +150,7 @@ class Hypothesis:
         of shape (T, n, k), or the values at the rows of the equations.
     text : str or callable
         Words for the numbers: a format such as "a spring of {:.3g} N m/rad", or a function of an array of k numbers. Of
-        a family, by "each" or `masks`, a function of its numbers, of the joint's index and of that of the mask.
+        a family, by "each" or `masks`, a function of its numbers, the joint's index and the mask's index.
     joints : tuple of str
         Joints concerned.
     at : float or ndarray
@@ -159,7 +159,7 @@ class Hypothesis:
         How many hypotheses, such as times of a contact, this one is chosen from; of each joint in a family.
     numbers : {"all", "few", "switches", "each"}
         All numbers are fitted; for `rne.compare_models` also only those that are not zero, or each is 0 or 1. "each" is
-        a family, of which k / len(joints) numbers of each joint are tried alone.
+        a family, of which k / len(joints) numbers of each joint are tried separately.
     masks : ndarray of bool, shape (M, rows), optional
         Rows of the equations in which the columns act: a family, of which that with the best mask is judged.
 
@@ -213,7 +213,7 @@ def judged(
 ) -> Iterator[tuple[Cause, Array, Array]]:
     """Causes scored above `least`, with columns and coefficients; for a family one per joint, with its best mask.
 
-    A score takes all numbers into account, or `by_rank` those that are independent of what is known.
+    A score counts all numbers, or with `by_rank` only those that are independent of known columns.
     """
     masks = [None] if h.masks is None else h.masks
     for j, (joints, group, at, alternatives) in enumerate(members(rest, h)):
@@ -292,10 +292,10 @@ def leading_columns(linear: LinearCauses) -> Array | None:
 def likely_causes(
     rest: FitResiduals, hypotheses: Sequence[Hypothesis] | None = (), linear: LinearCauses | None = None
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
-    """Best causes by kind and joints that are evident and reduce the validation error; those of small effect apart.
+    """Best evident causes by kind and joints that reduce the validation error, and others whose effect is small.
 
-    The likeliest first; causes that explain what friction cannot come before friction of gears. Without `hypotheses`,
-    only that is looked for; `linear` causes may be known.
+    The likeliest comes first; causes that explain what friction cannot come before friction of gears. Without
+    `hypotheses`, only that friction is tried; `linear` causes may be known.
     """
     tried_linear, evident = linear_causes(rest, hypotheses) if linear is None else linear
     found: list[tuple[Cause, Trial | None]] = [(cause, trial) for cause, _, trial in evident]
@@ -306,7 +306,7 @@ def likely_causes(
     for cause, trial in sorted(found, key=lambda pair: (pair[0].kind in GEARS, -pair[0].score)):
         if cause.score > thresholds.EVIDENT:
             _, trials = best.setdefault((cause.kind, cause.joints), (cause, []))
-            if trials in ([], [None]):  # a cause that is certain without a trial has its effect by that of its like
+            if trials in ([], [None]):  # a cause that is certain without a trial gets the effect of a similar one
                 trials.insert(0, trial)
     tried = [
         next((x for trial in trials if (x := with_effect(rest, cause, trial))), None) for cause, trials in best.values()
@@ -408,7 +408,7 @@ def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
     found = []
     for kind in dict.fromkeys(cause.kind for cause in causes):
         first, *others = (cause for cause in causes if cause.kind == kind)
-        if kind == LOAD or len(first.joints) != 1:  # on one link; those beside it look alike
+        if kind == LOAD or len(first.joints) != 1:  # on one link; loads on neighbouring links look alike
             others = []
         known = [first.joints]
         for cause in [*others]:  # of records without and with a load, both may show it of one joint
@@ -418,7 +418,7 @@ def merged_by_kind(causes: Sequence[Cause]) -> tuple[Cause, ...]:
         names = dict.fromkeys(name for cause in (first, *others) for name in cause.joints)
         parts = [part for cause in (first, *others) for part in cause.effect.split(", ") if part]
         joints = (part.rpartition(" on ")[2].partition(WITH_GEARS)[0] for part in reversed(parts))
-        effects = dict(zip(joints, reversed(parts), strict=True))  # of each joint that of the likeliest
+        effects = dict(zip(joints, reversed(parts), strict=True))  # of each joint, by the likeliest cause
         texts = [cause.text for cause in (first, *others)]
         found.append(
             first._replace(joints=tuple(names), text=merged_text(texts), effect=", ".join(reversed(effects.values())))
@@ -491,7 +491,7 @@ def units(robot: Robot, j: int) -> tuple[str, str]:
     return ("rad", "N m") if robot.model.is_revolute[robot.model.independent_joints[j]] else ("m", "N")
 
 
-# Kinds that measurements and models have
+# Kinds of measurements and models
 
 
 def of_joints(rest: Discrepancy, kinds: Iterable[str]) -> Iterator[Hypothesis]:
@@ -529,7 +529,7 @@ def slope(function: Callable[[float], Array]) -> Array:
     return np.asarray((function(step) - function(-step)) / (2 * step))
 
 
-# Kinds that measurements alone have
+# Kinds of measurements only
 
 
 def declined_drives(rest: FitResiduals) -> Iterator[Hypothesis]:
@@ -544,7 +544,7 @@ def declined_drives(rest: FitResiduals) -> Iterator[Hypothesis]:
 def other_gravity(rest: FitResiduals) -> Iterator[Hypothesis]:
     """Hypotheses on gravity of another magnitude, as by a wrong clock rate, or tilted by a small angle.
 
-    The first body's centre may be felt in tilted gravity alone.
+    Torques may depend on the first body's centre only in tilted gravity.
     """
     gravity, size = rest.robot.model.gravity, float(np.linalg.norm(rest.robot.model.gravity))
     columns = gravity_columns(rest, rest.bodies, *np.eye(len(rest.bodies))[1:4])
@@ -569,7 +569,7 @@ def delays(rest: FitResiduals) -> Iterator[Hypothesis]:
 def joints(rest: FitResiduals) -> Iterator[Hypothesis]:
     """Hypotheses on zeros, also from a certain time on, gear ratios, springs and gains of torques."""
     zeros, (times, masks) = zero_columns(rest), starts(rest)
-    zero = of_each(rest, "the zero of {joint} is off by {size:.3g} {unit}")
+    zero = of_each(rest, "the zero of {joint} is wrong by {size:.3g} {unit}")
     slip = of_each(rest, "the encoder of {joint} slips by {size:.3g} {unit} near {time}", times=times)
     given = "the gear ratio given for {joint} is {size:.3g} % too {sign}"
     ratio = of_each(rest, given, scale=100, signs=("large", "small"))
@@ -582,8 +582,8 @@ def joints(rest: FitResiduals) -> Iterator[Hypothesis]:
 
 
 def ratio_columns(rest: FitResiduals) -> Array:
-    """Derivatives of measured torques by each gear ratio, to which motions and the torque are proportional."""
-    steps = np.eye(rest.robot.n)[:, None]  # drives of the joint stay what they are
+    """Derivatives of measured torques with respect to each gear ratio; motions and torques are proportional to it."""
+    steps = np.eye(rest.robot.n)[:, None]  # parameters of the joint's drive stay the same
 
     def torques(k: Array, motion: tuple[Array, ...]) -> Array:
         return np.asarray(k * rest.load(*(k * x for x in motion)))
@@ -706,8 +706,8 @@ def payloads(rest: FitResiduals) -> Iterator[Hypothesis]:
     def text(c: Array, k: int, m: int) -> str:
         body = bodies[..., PARAMETERS * k : PARAMETERS * (k + 1)]
         mass, most = (float(np.abs(x).max(initial=0.0)) for x in (body[..., 0], body))
-        if first + k < nb - 1 or mass <= thresholds.NOTHING * most:  # whose mass alone need not be felt
-            return f"the load on the link behind {names[first + k]} changes near {times[m]}"
+        if first + k < nb - 1 or mass <= thresholds.NOTHING * most:  # torques may not depend on its mass
+            return f"the load on the link distal to {names[first + k]} changes near {times[m]}"
         return f"the payload changes by {c[0]:.3g} kg near {times[m]}"
 
     many = thresholds.PLACES * np.arange(nb - first, 0, -1)
@@ -737,9 +737,9 @@ def contacts(rest: FitResiduals) -> Iterator[Hypothesis]:
 def changes_with_load(rest: FitResiduals, known: Array, loaded: Array, body: int) -> list[Cause]:
     """Significant changes shown by the residuals of all records, the likeliest first, each given the others.
 
-    Torques of the loads, and friction of sound gears, are `known` columns. Rows with the load, shape (rows, 1, 1),
-    have the parameters of `rest`; it is on the body of this number. Residuals are as independent as all of the changes
-    together leave them.
+    Torques of the loads, and friction of healthy gears, are `known` columns. Rows with the load are `loaded`, shape
+    (rows, 1, 1), and have the parameters of `rest`; the load is on the body with index `body`. The correlation time is
+    taken from the residuals with all changes fitted.
     """
     speeds = rest.of_each_joint(lambda q, qd, qdd: qd), rest.of_each_joint(lambda q, qd, qdd: np.sign(qd))
     options = [replace(h, columns=columns_of(rest, h) * loaded) for h in hypotheses_with_load(rest, body)]
@@ -762,7 +762,7 @@ def changes_with_load(rest: FitResiduals, known: Array, loaded: Array, body: int
 
 
 def hypotheses_with_load(rest: FitResiduals, body: int) -> Iterator[Hypothesis]:
-    """Hypotheses on gravity, zeros, factors and offsets of torques, and bodies other than that of the load."""
+    """Hypotheses on gravity, zeros, factors and offsets of torques, and bodies without the load."""
     families = [h for h in joints(rest) if h.kind in (GAIN, "joint zero")]
     tilts = [h for h in other_gravity(rest) if h.kind == DIRECTION]
     offset = of_each(rest, "the torque of {joint} is {size:.3g} {torque} larger")
@@ -836,7 +836,7 @@ def other_conventions(rest: FitResiduals, beyond: FitResiduals) -> Iterator[tupl
         least = left.torques * (thresholds.ODD**2 if (unit != J).any() else 0)  # as of `of_convention`
         return left.gain(np.maximum(squares(J, T), least), np.maximum(before, least))
 
-    for x in conventions(rest.robot, kinds, alone=True):
+    for x in conventions(rest.robot, kinds, single=True):
         J, T = x.matrices(turns)
         which = np.flatnonzero((unit != J).any(1) | (unit != T).any(1)).tolist()
         if allowed.get(x.kind, rest.counts >= 0)[which].all() and (score := gain(J, T)) > thresholds.EVIDENT:
@@ -867,7 +867,7 @@ def couplings(rest: FitResiduals, j: int, gain: Callable[[Array, Array], float])
         return
     step = np.outer(unit[j], unit[j - 1])
 
-    def fitted(k: float, of_torques: bool) -> float:  # positions read as those of motors
+    def fitted(k: float, of_torques: bool) -> float:  # positions taken as the motors' positions
         return gain(unit - k * step, unit + k * of_torques * step.T)
 
     def nearest(start: float, of_torques: bool) -> float:
@@ -889,15 +889,15 @@ def of_convention(J: Array, T: Array, rest: FitResiduals) -> tuple[Array, ...]:
     """Validation errors of the measured torques with joints q, and with joints J q and torques T tau."""
     left = rest.coarse
     shares = left.held_out_as_given, left.held_out_moved(J, rest.tau @ T.T)
-    errors = [np.maximum(x, thresholds.ODD**2 / len(x)) for x in shares]  # steps of friction are off by as much
+    errors = [np.maximum(x, thresholds.ODD**2 / len(x)) for x in shares]  # steps of friction are wrong by this much
     return errors[0], errors[1][:, np.argmax(np.abs(T) + np.eye(len(T)) / 2, axis=0)]
 
 
 def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
     """Causes of torques many times larger or smaller than the given bodies need, or of the opposite sign.
 
-    Without what drives can explain: rotors and friction, and offsets, as the weight of an arm that hardly moves. The
-    torques of single joints also with offsets, those of all joints as fitted.
+    What drives can explain is removed first: rotors, friction and offsets, which resemble the weight of an arm that
+    hardly moves. Torques of single joints are also compared with their offsets, torques of all joints as fitted.
     """
     (factors, cosines), (factor, cosine) = torque_factors(rest)
     alike = cosines > thresholds.ALIKE
@@ -915,7 +915,8 @@ def torque_scale(rest: FitResiduals) -> Iterator[tuple[Cause, None]]:
 def torque_factors(rest: FitResiduals) -> tuple[tuple[Array, Array], tuple[float, float]]:
     """Factors of torques relative to the given robot, with squared cosines: of each joint, signed, and of all.
 
-    What drives may explain is left out of both; of a single joint with offsets, where it resembles the robot's then.
+    What drives may explain is left out of both. A single joint's factor is found with offsets if its torque then
+    resembles the robot's.
     """
     bodies, drives = len(rest.bodies), rest.Y[..., len(rest.bodies) :]
     is_offset = np.array([name.startswith("tau0") for name in rest.standard.names[bodies:]], bool)

@@ -110,8 +110,8 @@ class Discrepancy:
 class FitResiduals(Discrepancy):
     """Residuals of the equations Y x = tau of records, fitted by base parameters `beta`.
 
-    `correlation_time` is that of the residuals; `known` columns, shape (rows, n, k), are fitted too, and what they
-    explain needs no cause.
+    The correlation time of the residuals may be given. Columns that are `known`, shape (rows, n, k), are fitted too;
+    what they explain needs no cause.
     """
 
     resolution = thresholds.APART, thresholds.INDEPENDENT
@@ -128,8 +128,8 @@ class FitResiduals(Discrepancy):
         used: Array | None = None,
     ) -> None:
         enough = data.sure.sum() > thresholds.FEWEST_ROWS * base.count
-        alone = robot.with_armature(0.0) if robot.model.armature.any() else robot  # rotors are drives' parameters
-        super().__init__(alone, sigma, (data.sure if enough else data.used) if used is None else used)
+        bare = robot.with_armature(0.0) if robot.model.armature.any() else robot  # rotors are drives' parameters
+        super().__init__(bare, sigma, (data.sure if enough else data.used) if used is None else used)
         self.turned: dict[tuple[bytes, bytes], Array] = {}  # columns where joints are J q at the rows used, by both
         self.data, self.beta, self.known = data, beta, known
         self.base, self.standard, self.records, self.x = base, base.standard, data.prepared, base.back @ beta
@@ -168,7 +168,7 @@ class FitResiduals(Discrepancy):
     def beyond_friction(self) -> FitResiduals:
         """Residuals with the friction of real gears fitted, which rises with the load and is curved over speed.
 
-        Noise and correlation time are those of what it leaves.
+        Noise and correlation time are taken from the residuals of that fit.
         """
         known = by_joint(self.curves)
         if len(self.joint) < thresholds.FEWEST_ROWS * (self.base.count + known.shape[-1]):
@@ -182,13 +182,13 @@ class FitResiduals(Discrepancy):
 
     @cached_property
     def curves(self) -> Array:
-        """Friction curves of each joint beside the parameters, at the rows, shape (rows, n, 4)."""
+        """Friction curves of each joint in addition to the parameters, at the rows, shape (rows, n, 4)."""
         return self.sampled(lambda q, qd, qdd: self.friction_curves(q, qd, qdd, self.x))
 
     def friction_curves(self, q: Array, qd: Array, qdd: Array, x: Array) -> Array:
         """Friction that rises with the load, with speed squared, and towards rest, shape (T, n, 4).
 
-        The load is that of `StandardParameters`, and last that without rotors, which turn before the gears.
+        The load is that of `StandardParameters`, in the last column without rotors, which act before the gears.
         """
         sign, speed, load = np.sign(qd), np.abs(qd), self.load(q, qd, qdd, x)
         slow = np.exp(-speed / np.maximum(thresholds.SLOW * self.fastest, thresholds.TINY))
@@ -240,7 +240,7 @@ class FitResiduals(Discrepancy):
     def refitted(self, columns: Array, tau: Array) -> tuple[Array, Array, Array]:
         """Fit of columns, shape (rows, n, k): coefficients, noise of each joint, remaining shares of its squares.
 
-        Each joint counts by what the fit leaves of it, as that of a wrong model says nothing; by normal equations.
+        Each joint is weighted by its remaining squares, as noise is unknown under a wrong model; by normal equations.
         """
         X, b, rows = np.swapaxes(columns * self.used[..., None], 0, 1), (tau * self.used).T, self.used.sum(0)
         G, c, squares = np.swapaxes(X, 1, 2) @ X, (b[:, None] @ X)[:, 0], np.maximum((b * b).sum(1), thresholds.TINY)
@@ -353,7 +353,7 @@ class FitResiduals(Discrepancy):
 
     @cached_property
     def delay_column(self) -> Array:
-        """Derivative of measured torques by their delay after the positions, shape (rows, n, 1)."""
+        """Derivative of measured torques with respect to their delay after the positions, shape (rows, n, 1)."""
         parts = []
         for record in self.records:
             load, x = self.load(record.q, record.qd, record.qdd), self.x
@@ -374,7 +374,7 @@ def extended(Q: Array, X: Array) -> Array:
 
 
 def orthonormal(X: Array) -> Array:
-    """Orthonormal basis of the columns of X, without directions that only rounding makes, which QR alone keeps."""
+    """Orthonormal basis of the columns of X, without directions due to rounding, which QR would keep."""
     return extended(X[:, :0], X)
 
 

@@ -1,10 +1,10 @@
 """Test of measured torques for consistency with one rigid-body model: the F-test of nested linear models.
 
-A joint's own fit may take every combination of parameters that its torque depends on. That of all joints has to share
-them, which costs a joint with independent noise no more than chance; F compares the cost with the joint's own residual
-(Draper and Smith 1998, section 6.1). Beside it the noise of the torques, from their spectrum above the filter's
-cut-off, and the energy balance W = T + U - (T + U at the start) + losses, W the integral of tau . qd, whose energies
-come from their own regressors (Gautier and Khalil 1988 identify with them).
+The fit of a single joint has every combination of parameters that its torque depends on. In the fit of all joints these
+are shared, which raises the residual of a joint with independent noise no more than chance. F compares the increase
+with the joint's own residual (Draper and Smith 1998, section 6.1). Further tests are the noise of the torques, from
+their spectrum above the filter's cut-off, and the energy balance W = T + U - (T + U at the start) + losses, where W is
+the integral of tau . qd and energies have their own regressors (Gautier and Khalil 1988 identify with them).
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class Consistency(InNotebooks):
         |predicted - measured| / |measured| of torques in motion on blocks of time that were not fitted:
         `Identification.unexplained.in_motion`.
     all_joints, single_joint : ndarray, shape (n,)
-        Standard deviation of the fitted residual, in |measured|: with one set of parameters, and with one of its own
-        for each joint. The parameters that a joint spends are taken into account.
+        Standard deviation of the fitted residual, in |measured|: with one set of parameters, and with a separate
+        set for each joint. Degrees of freedom are taken into account.
     F, probability : ndarray, shape (n,)
         The F-test of the one set against the joint's own, and how likely chance makes F so large.
     independent : ndarray, shape (n,)

@@ -148,7 +148,7 @@ class MotionLimits:
         return found
 
     def gradient(self, by_coefficients: Array) -> Array:
-        """Derivatives by x from those by the coefficients, shape (..., n, 2 H + 1)."""
+        """Derivatives with respect to x from those with respect to the coefficients, shape (..., n, 2 H + 1)."""
         slopes = (by_coefficients @ self.free) * self.velocity_limit[:, None]
         return slopes.reshape(*slopes.shape[:-2], -1)
 
@@ -196,7 +196,7 @@ class MotionLimits:
 
     @property
     def coulomb(self) -> Array:
-        """Coulomb friction over the torques' limits, counted against the drive."""
+        """Coulomb friction over the torques' limits, taken as a load of the drive."""
         return self._friction[1] / self.effort_limit
 
     def torque_use(self, x: Array) -> Array:
@@ -213,7 +213,7 @@ class MotionLimits:
         return np.concatenate([(limit + sign * tau)[:, self.driven].ravel() for sign in (-1, 1)])
 
     def torque_slack_slopes(self, x: Array, matrices: States) -> Array:
-        """Exact derivatives of `torque_slack` by x."""
+        """Exact derivatives of `torque_slack` with respect to x."""
         dq, dqd, M = self.robot.inverse_dynamics_derivatives(*self.states(x, matrices))
         by_states = zip((dq, dqd + np.diag(self._friction[0]), M), matrices, strict=True)
         by_coefficients = sum(d[:, self.driven, :, None] * m[:, None, None, :] for d, m in by_states)

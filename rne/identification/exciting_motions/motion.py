@@ -60,7 +60,7 @@ class BaseRegressor:
         return np.asarray(np.concatenate([bodies, drives], axis=-1)[..., list(self.base.independent)])
 
 
-Criterion = Callable[[Array], tuple[float, Array]]  # of singular values: value, derivatives by their logarithms
+Criterion = Callable[[Array], tuple[float, Array]]  # of singular values: value, derivatives with respect to logarithms
 
 
 class SingularValues:
@@ -79,7 +79,7 @@ class SingularValues:
             self.V = Vt.T
 
     def gradient(self, slopes: Array) -> Array:
-        """Derivatives of a function by the entries of W, from those by the logarithms of the singular values."""
+        """Derivatives of a function with respect to W's entries, from those with respect to the logarithms of s."""
         return np.asarray(self.W @ (self.V * (slopes / self.s**2) @ self.V.T))  # ds = u^T dW v with u = W v / s
 
     @property
@@ -89,10 +89,10 @@ class SingularValues:
 
 
 def log_condition(s: Array, p: float = np.inf) -> tuple[float, Array]:
-    """log of the condition number by singular values, with its derivatives by their logarithms.
+    """log of the condition number of singular values, with derivatives with respect to their logarithms.
 
     The largest and the smallest singular value have no derivative where two of them meet, as they do at the optimum.
-    With Schatten's norm of order p in place of the spectral norm, (sum of s^p)^(1/p) and (sum of s^-p)^(1/p) have one,
+    With Schatten's norm of order p instead of the spectral norm, (sum of s^p)^(1/p) and (sum of s^-p)^(1/p) have one,
     and exceed the condition number by a factor of at most (number of columns)^(2/p).
     """
     order = min(p, 1e6)  # approximates the two extreme values
@@ -190,7 +190,7 @@ class MotionSearch:
         return criterion(self._observed(x)[1].s)[0]
 
     def gradient(self, criterion: Criterion, x: Array) -> Array:
-        """Exact derivatives of a criterion by x, from those of W by q, qd and qdd, which are linear in x."""
+        """Exact derivatives of a criterion with respect to x, by those of W with respect to q, qd and qdd."""
         states, singular = self._observed(x)
         K, n = states[0].shape
         by_entries = singular.gradient(criterion(singular.s)[1]).reshape(K, n, -1) / self.noise[:, None]
@@ -450,7 +450,7 @@ def excitation(
         default "condition" for torques, "d-optimal" for positions.
     measured : {"torques", "positions"}
         What the log will have. Of positions and commands without torques, rows of W are positions of the samples, its
-        columns their derivatives by the numbers `wrt`.
+        columns their derivatives with respect to the numbers `wrt`.
     wrt : str or sequence of str, optional
         Names of `scene.numbers` that are to be found from positions.
     limits : mapping of str to array_like, shape (n,), optional
@@ -501,15 +501,15 @@ def excitation(
     considered. Look at the motion with `rne.view` before it runs on the robot.
 
     Fourier series as in Swevers et al. 1997; SciPy's SLSQP with exact gradients from the traced regressor, of Schatten
-    norms of orders 8 and 64 in place of the condition number. Positions, velocities and accelerations keep their limits
+    norms of orders 8 and 64 instead of the condition number. Positions, velocities and accelerations keep their limits
     at all times, by the inequality of Bernstein and Szego. Torques are those of `robot`, with its damping and friction;
     they are limited at 64 times per period of the highest harmonic, with the parabola through three of them in between.
 
-    From positions alone the result is the best of the random motions: each is simulated with `rne.sensitivities` for
-    two periods, of which the second counts, and no optimiser follows. Columns of W are divided by their norms over all
-    motions. What no motion determines, such as a velocity gain beside viscous friction, is left out, and named in
-    `notes`. Smooth motions hardly depend on a dead band, and on a stall torque only where they reach it: for these add
-    steps.
+    From positions without torques the result is the best of the random motions: each is simulated with
+    `rne.sensitivities` for two periods, of which the second counts, and no optimiser follows. Columns of W are divided
+    by their norms over all motions. What no motion determines, such as a velocity gain in addition to viscous friction,
+    is left out, and listed in `notes`. Smooth motions hardly depend on a dead band, and on a stall torque only where
+    they reach it: for these add steps.
 
     Examples
     --------
@@ -531,13 +531,13 @@ def excitation(
     """
     if measured not in MEASURED:
         raise ValueError(f"`measured` must be one of {list(MEASURED)}, got {measured!r}")
-    is_told = measured == "positions"
-    criterion = CRITERIA[is_told] if criterion is None else criterion
+    by_positions = measured == "positions"
+    criterion = CRITERIA[by_positions] if criterion is None else criterion
     if criterion not in CRITERIA:
         raise ValueError(f"`criterion` must be one of {list(CRITERIA)}, got {criterion!r}")
-    if is_told:
+    if by_positions:
         if wrong := [name for name, x in (("drives", drives), ("locked", locked)) if x is not None]:
-            raise ValueError(f"`{wrong[0]}` is for `measured` 'torques'; those of positions are of the scene")
+            raise ValueError(f"`{wrong[0]}` is for `measured` 'torques'; for 'positions' both are given by the scene")
         count = 30 if random_motions is None else random_motions
         return _by_positions(robot, wrt, (duration, harmonics, rest), criterion, limits, noise, count, progress)
     if wrt is not None:

@@ -1,4 +1,4 @@
-"""Identifiability of a scene's numbers from positions along motions: sensitivities in place of regressors."""
+"""Identifiability of a scene's numbers from positions along motions: sensitivities instead of regressors."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def position_argument(scene: Any, wrt: str | Sequence[str] | None) -> tuple[str,
     for name in names:
         if name in ("q0", "qd0", "controller.reference"):
             raise ValueError(f"`wrt` must name numbers that are to be found from positions, got {name!r}")
-        scene.numbers[name]  # a KeyError names those that there are
+        scene.numbers[name]  # a KeyError lists the names
     return names
 
 
@@ -48,10 +48,10 @@ def position_matrices(
     noise: Array,
     progress: Callable[[int, int], Any] | None,
 ) -> tuple[list[Array], tuple[str, ...]]:
-    """Derivatives of positions by numbers along each series, over the noise, and a note.
+    """Derivatives of positions with respect to numbers along each series, over the noise, and a note.
 
-    Of each motion the second of two periods counts, after its start has settled. Columns are divided by their norms
-    over all motions, and combined to those directions that some motion determines.
+    Of each motion only the second of two periods is used, after the start has settled. Columns are divided by their
+    norms over all motions, and combined to the directions that at least one motion determines.
     """
     found = []
     for k, series in enumerate(x):

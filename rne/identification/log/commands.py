@@ -9,10 +9,10 @@ import numpy as np
 from ...basics.spatial import Array
 from ...basics.text import counted
 from .. import thresholds
-from .findings import Screened
+from .findings import Screened, Severity
 
-UNITS = {180 / np.pi: "degrees beside positions in rad", np.pi / 180: "rad beside positions in degrees"}
-UNITS |= {1e3: "mm beside positions in m", 1e-3: "m beside positions in mm"}  # by size of the command's numbers
+UNITS = {180 / np.pi: "degrees, positions in rad", np.pi / 180: "rad, positions in degrees"}
+UNITS |= {1e3: "mm, positions in m", 1e-3: "m, positions in mm"}  # by size of the command's numbers
 TURN = 2 * np.pi
 
 
@@ -45,10 +45,9 @@ def known_commands(found: Screened, given: Commands) -> tuple[Commands, Array]:
         for j, x in enumerate(() if values is None else values.T):
             known = np.flatnonzero(np.isfinite(x))
             if not len(known):
-                if found.tau is None:
-                    found.warning(j, f"no {what}", "in any sample", "give one for each joint", severity="error")
-                else:  # torques need no commands
-                    found.warning(j, f"no {what}", "in any sample", "not used")
+                severity: Severity = "error" if found.tau is None else "warning"  # torques need no commands
+                cure = "give one for each joint" if severity == "error" else "not used"
+                found.warning(j, f"no {what}", "in any sample", cure, severity=severity)
                 columns.append(np.zeros(len(x)))
                 continue
             if missing := np.flatnonzero(~np.isfinite(x[known[0] :])).tolist():
@@ -57,9 +56,8 @@ def known_commands(found: Screened, given: Commands) -> tuple[Commands, Array]:
                 found.warning(j, f"no finite {what}", found.at(samples), cure, samples)
             if known[0]:
                 text = f"before sample {known[0]} (t = {found.stamps[known[0]] - found.stamps[0]:.4g} s)"
-                found.warning(
-                    j, f"no {what}", text, "the record begins there" if found.tau is None else "the first one"
-                )
+                cure = "the record begins there" if found.tau is None else "the first one"
+                found.warning(j, f"no {what}", text, cure)
             started &= rows >= known[0]
             last = np.clip(np.searchsorted(known, rows, side="right") - 1, 0, None)
             columns.append(x[known[last]] if given.hold else np.interp(rows, known, x[known]))
@@ -78,15 +76,14 @@ def check_commands(found: Screened, commands: Commands, q: Array) -> None:
                 text = f"of {command[0]:.6g} in all samples, while the position keeps moving"
                 found.warning(j, "constant command", text, "right if the drive is off or too weak")
             continue
-        told = _unit_of(command, position)
-        if told:
+        if units := _unit_of(command, position):
             cure = "give both in one unit, or no number of the controller is right"
-            found.warning(j, "unit of the command:", told, cure)
+            found.warning(j, "unit of the command:", units, cure)
             continue
         wraps, ahead = _wraps(command, position), float(np.median(command - position))
         turns = int(np.rint(ahead / TURN))
         if turns and abs(ahead - turns * TURN) < thresholds.NEAR_TURN and not len(wraps):
-            cure = f"take {TURN * turns:.4g} rad off the command"
+            cure = f"subtract {TURN * turns:.4g} rad from the command"
             found.warning(j, "command", f"is {counted(abs(turns), 'turn')} from the position", cure)
         if len(wraps):
             text = f"{found.after(wraps)}, by a turn that the position does not make"
@@ -116,9 +113,9 @@ def _wraps(command: Array, q: Array) -> Array:
     """Samples after which the command jumps by whole turns while the position does not."""
     steps, moved = np.diff(command), np.abs(np.diff(q))
     turns = np.rint(steps / TURN)
-    beside = np.maximum(np.abs(np.roll(steps, 1)), np.abs(np.roll(steps, -1)))
-    is_wrap = (turns != 0) & (np.abs(steps - turns * TURN) <= beside + thresholds.NEAR_TURN / 2)
-    return np.flatnonzero(is_wrap & (beside < TURN / 2) & (moved < TURN / 2))
+    neighbours = np.maximum(np.abs(np.roll(steps, 1)), np.abs(np.roll(steps, -1)))
+    is_wrap = (turns != 0) & (np.abs(steps - turns * TURN) <= neighbours + thresholds.NEAR_TURN / 2)
+    return np.flatnonzero(is_wrap & (neighbours < TURN / 2) & (moved < TURN / 2))
 
 
 def _stale(command: Array) -> Array:

@@ -76,13 +76,13 @@ class RecordFinding:
 class Screened:
     """Measurements of a record on equidistant grids, without unusable parts, and the findings.
 
-    Findings name samples of the record by `rows`, those of its samples that are left.
+    Findings refer to samples of the record by `rows`, the indices of the samples that are kept.
     """
 
     name: str
     joint_names: tuple[str, ...]
     t: Array  # the record's stamps, then the grid, all segments after each other, shape (T,) [s]
-    q: Array  # shape (T, n), single spikes and missing values interpolated; torques and velocities likewise
+    q: Array  # shape (T, n), single spikes and missing values interpolated; the same for torques and velocities
     tau: Array | None
     qd: Array | None
     bridge: int  # most samples in a row that are interpolated
@@ -91,10 +91,10 @@ class Screened:
     steps: Array = field(init=False)  # smallest step of each of these columns; zero where there is none
     interpolated: Array = field(init=False)  # True where a position is no sample, shape (T, n)
     usable: Array = field(init=False)  # False where a torque is not to be used, shape (T, n)
-    believed: Array = field(init=False)  # True for joints whose measured velocities are those of the positions
+    believed: Array = field(init=False)  # True for joints whose measured velocities agree with the positions
     segments: tuple[slice, ...] = ()  # the parts of the grid between gaps
     period: float = float("nan")  # from one sample to the next [s]
-    notes: tuple[str, ...] = ()  # what was done though nothing is wrong
+    notes: tuple[str, ...] = ()  # changes that correct no fault
     command: Array | None = None  # commanded positions and velocities, without missing values, shape (T, n)
     command_rate: Array | None = None
     findings: list[RecordFinding] = field(default_factory=list)
@@ -159,7 +159,7 @@ class CleanRecord(ReadOnlyArrays):
     usable : ndarray, shape (T, n)
         False where a torque is measured but not to be used: a constant channel, a saturated drive.
     believed : ndarray, shape (n,)
-        True for joints whose measured velocities are those of the positions.
+        True for joints whose measured velocities agree with the positions.
     encoder_step : ndarray, shape (n,)
         Smallest step of the positions; zero where there is none [rad or m].
     segments : tuple of slice
@@ -167,11 +167,11 @@ class CleanRecord(ReadOnlyArrays):
     period : float
         From one sample to the next [s].
     notes : tuple of str
-        What was done though nothing is wrong.
+        Changes that correct no fault, in words.
     findings : tuple of RecordFinding
         What is wrong, and what was done about it.
     interpolated : ndarray, shape (T, n)
-        True where a position is none that was measured.
+        True where a position was not measured.
     command, command_rate : ndarray, shape (T, n), or None
         Commanded positions and velocities that hold at these times, missing ones filled [rad or m; rad/s or m/s].
 

@@ -91,7 +91,7 @@ class Prepared(ReadOnlyArrays):
         Raises
         ------
         ValueError
-            If the first axis has not the length of the grid, or a value is not finite.
+            If the first axis does not have the length of the grid, or a value is not finite.
 
         Notes
         -----
@@ -225,7 +225,7 @@ def _cutoff(
 def _fused(
     clean: CleanRecord, positions: list[Array], rate: float
 ) -> tuple[list[Array], tuple[Array, ...] | None, list[str]]:
-    """Positions fused with measured velocities where these are better, the spectrum behind it, and a note."""
+    """Positions fused with measured velocities where these are better, the spectrum used, and a note."""
     if clean.qd is None or not clean.believed.any():
         return positions, None, []
     integrals = [filtering.integral(clean.qd[part], rate) for part in clean.segments]

@@ -44,12 +44,12 @@ class Record(ReadOnlyArrays):
     tau : array_like, shape (T, n), optional
         Joint torques [N m or N]; without them `command` is needed.
     qd : array_like, shape (T, n), optional
-        Measured joint velocities, in `unit` per second. Where they are those of the positions and have less noise than
+        Measured joint velocities, in `unit` per second. Where they agree with the positions and have less noise than
         the derivatives of these, `prepare` uses them.
     command : array_like, shape (T, n), optional
         Commanded positions at the times `t`, in `unit`, from which `rne.identify_motion` fits a model.
     command_rate : array_like, shape (T, n), optional
-        Commanded velocities beside them, in `unit` per second.
+        Commanded velocities at the same times, in `unit` per second.
     command_hold : bool
         True if a command holds until the next sample, False if commands are linear in between.
     name : str
@@ -64,20 +64,16 @@ class Record(ReadOnlyArrays):
         right ones; without them the times are believed, however irregular, unless the positions are smoother over
         equal steps or different samples have the same time.
     bridge : int
-        How many samples in a row, missing or not to be believed, are interpolated; at longer gaps the record is cut.
+        How many samples in a row, missing or wrong, are interpolated; at longer gaps the record is cut.
 
     Attributes
     ----------
     t : ndarray, shape (T,)
         Times as given [s].
-    q : ndarray, shape (T, n)
-        Positions as given, in SI units [rad or m].
-    tau, qd : ndarray, shape (T, n), or None
-        Torques and velocities as given, in SI units [N m or N; rad/s or m/s].
-    command, command_rate : ndarray, shape (T, n), or None
-        Commanded positions and velocities as given, in SI units [rad or m; rad/s or m/s].
+    q, tau, qd, command, command_rate : ndarray, shape (T, n), or None
+        As given, in SI units [rad, N m and rad/s; m, N and m/s of sliding joints].
     command_hold : bool
-        True if a command holds until the next sample.
+        As given.
     cleaned : CleanRecord
         The measurements on a grid of equal steps, without what cannot be used.
     findings : tuple of RecordFinding
@@ -92,19 +88,18 @@ class Record(ReadOnlyArrays):
     Raises
     ------
     ValueError
-        If an array has the wrong shape or is not of numbers, there are neither torques nor commands, or an option is
-        none of those named.
+        If an array has the wrong shape or is not of numbers, there are neither torques nor commands, or an option has
+        no allowed value.
 
     Notes
     -----
-    Looked for: times that go back or are there twice, gaps and missing samples; times made by the reader of the log;
-    values that are not finite; spikes, up to three samples off the curve through their neighbours by more than ten
-    times the usual deviation, such as positions repeated in the midst of a motion; jumps of positions; torques that are
-    constant, or at a limit; velocities that are not those of the positions; positions in degrees; joints that do not
-    move; fewer than two samples per second, and times that look like milliseconds, microseconds or nanoseconds. Of
-    commands: values that are not finite, constant commands, those in another unit than the positions, a turn away from
-    them or later than them, jumps by turns, and commands that repeat themselves in the midst of a motion and then make
-    up for it.
+    Findings are: times that go back or occur twice, gaps and missing samples; times made by the reader of the log;
+    values that are not finite; spikes, up to three samples whose distance from the curve through their neighbours is
+    more than ten times the usual one, such as positions repeated during a motion; jumps of positions; torques that are
+    constant or at a limit; velocities that disagree with the positions; positions in degrees; joints that do not move;
+    fewer than two samples per second, and times that look like milliseconds, microseconds or nanoseconds. Of commands:
+    values that are not finite, constant commands, another unit than the positions have, commands a turn away from the
+    positions or later, jumps by turns, and commands that repeat themselves during a motion and then catch up.
     Errors are raised by `prepare`.
 
     Examples
@@ -120,6 +115,7 @@ class Record(ReadOnlyArrays):
     501
     >>> record.prepare().notes[0]
     "cut-off 6.25 Hz, chosen from the spectrum of the positions: 5 times the motion's bandwidth of 1.25 Hz"
+    >>> record = rne.identification.Record.from_csv("log.csv", ["shoulder", "elbow"])  # doctest: +SKIP
     """
 
     def __init__(
@@ -208,11 +204,6 @@ class Record(ReadOnlyArrays):
             If a column is missing, or a row is short or holds no numbers; names the file, row and column.
         OSError
             If the file cannot be read.
-
-        Examples
-        --------
-        >>> import rne
-        >>> record = rne.identification.Record.from_csv("log.csv", ["shoulder", "elbow"])  # doctest: +SKIP
         """
         reading = LogOptions(joint_names, time_unit=time_unit, exact=True)
         return cls._read(path, reading, {"joint_names": joint_names} | options)
@@ -243,7 +234,7 @@ class Record(ReadOnlyArrays):
         `ros2 topic echo --csv`), exports of bags by PlotJuggler and bagpy; .mat files of versions 5 to 7, .npz files,
         and LeRobot data sets. Names of joints in the log count before numbers, and these before guesses. What the log
         does not say is given, or guessed, which `source` and `findings` report. Where there are no torques, commanded
-        positions are read in their place, such as `action` beside `observation.state`, `target_q`, `goal_position`,
+        positions are read instead, such as `action` with `observation.state`, `target_q`, `goal_position`,
         `q_cmd`, and the references of joint trajectory controllers in bags.
 
         Parameters
@@ -257,7 +248,7 @@ class Record(ReadOnlyArrays):
         columns : sequence of str, or mapping, optional
             Names of all columns of a text, "" for one to ignore; or a column, its number from 0, or several of them,
             for "t", "q", "qd", "tau", "command" and "command_rate". By default by their names, such as `q.<joint>`,
-            `actual_q_0` or `joint1_pos [deg]`; those of "target", "command" and the like are not read beside torques.
+            `actual_q_0` or `joint1_pos [deg]`; "target", "command" and the like are not read if there are torques.
         units : mapping, optional
             Units of "q" ("rad", "deg", "m", "mm"), "qd" ("rad/s", "deg/s", "rpm", "m/s", "mm/s"), "tau" ("Nm", "mNm",
             "N", "A", "mA"), "command" and "command_rate", by default as "q", or SI units per unit of the log as a
@@ -277,7 +268,7 @@ class Record(ReadOnlyArrays):
         episode : int, optional
             Of a data set that has several.
         torques : bool
-            False to read commands in place of torques where a log has both.
+            False to read commands instead of torques where a log has both.
         **options
             Other options of `Record`; `name` is the file's if not given.
 
@@ -308,7 +299,7 @@ class Record(ReadOnlyArrays):
         (('elbow',), 0.02, [1.25])
         """
         if "unit" in options or "joint_names" in options:
-            raise ValueError("give `units` and `joints` in place of `unit` and `joint_names`")
+            raise ValueError("give `units` and `joints` instead of `unit` and `joint_names`")
         if isinstance(joints, str) or isinstance(columns, str):
             raise TypeError("`joints` and `columns` must be sequences of names, such as robot.joint_names, got str")
         times, texts = (time_unit, sample_rate), (separator, decimal)
@@ -343,7 +334,7 @@ class Record(ReadOnlyArrays):
         Returns
         -------
         Record
-            Positions, velocities and torques of the drives, behind elastic joints those of the motors.
+            Positions, velocities and torques of the drives; of elastic joints, positions and velocities of the motors.
 
         Raises
         ------
@@ -508,7 +499,7 @@ class Record(ReadOnlyArrays):
         return part
 
     def _without_torques(self) -> Record:
-        """Record of the commands and positions alone, screened as such."""
+        """Record of only the commands and positions, screened as such."""
         if self.command is None:
             raise ValueError(f"{self.name}: {NO_COMMANDS}")
         return self if self.tau is None else self.part(slice(None), self.joint_names, torques=False)
@@ -561,7 +552,7 @@ class Record(ReadOnlyArrays):
 
         x = self.q if self.tau is not None or self.command is None else np.hstack([self.q, self.command])
         pairs, rows = zip(x.T, np.isfinite(x.T), strict=True), np.arange(len(x))
-        known = [np.interp(rows, rows[told], x[told]) if told.any() else 0.0 * rows for x, told in pairs]
+        known = [np.interp(rows, rows[given], x[given]) if given.any() else 0.0 * rows for x, given in pairs]
         q = median_filter(np.stack(known, axis=1), (5, 1), mode="nearest")  # without single spikes
         noise = np.median(np.abs(np.diff(known, append=q[-1:].T)), axis=1)
         span = np.ptp(q, axis=0)

@@ -1,6 +1,6 @@
 """Screening of measurements: faults are found, named, and removed where possible.
 
-Times that are not in order, samples that their neighbours contradict, torques that do not follow the motion.
+Times that are not in order, samples far from their neighbours, torques that do not follow the motion.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ def _share(late: Array, moved: Array, chosen: Array, correlation: float = 1.0) -
 
 
 def _check_gaps(found: Screened, t: Array, period: float, gap: Array) -> None:
-    """Report gaps and missing samples: steps longer than by jitter."""
+    """Report gaps and missing samples: steps that are longer than jitter explains."""
     steps = np.diff(t)
     after = np.flatnonzero(gap)
     if len(after):
@@ -222,7 +222,7 @@ def deviations(x: Array, length: int) -> tuple[Array, Array]:
 def usual_deviation(x: Array, step: float) -> Array:
     """Usual deviation of a sample from its neighbours: local, or of the whole record if that is larger.
 
-    About a sample the median, of the record the deviation that one in twenty exceeds; at least half a step.
+    The local one is the median near the sample; one deviation in twenty exceeds the record's. At least half a step.
     """
     deviation = np.pad(deviations(x, 1)[0], 2, mode="edge")
     count = max(1, len(x) // thresholds.USUAL_OVER)
@@ -329,7 +329,7 @@ def _screen_values(found: Screened, t: Array, measured: Array, commands: Command
     usual = [usual_deviation(x, step) for x, step in zip(measured.T, steps, strict=True)]
     flags = np.column_stack([spikes(x, level) for x, level in zip(measured.T, usual, strict=True)])
     longest = thresholds.LONGEST_SPIKE
-    for after in 1 + np.flatnonzero(is_gap(times, found.period, found.bridge)):  # samples beside a gap: no neighbours
+    for after in 1 + np.flatnonzero(is_gap(times, found.period, found.bridge)):  # samples at a gap lack neighbours
         flags[max(after - longest, 0) : after + longest] = False
     if torque := parts.get("torque"):
         usable &= _usable_torques(found, q, measured[:, torque], steps[torque], flags[:, torque])
