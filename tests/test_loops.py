@@ -138,7 +138,7 @@ def test_a_compiled_text_returns_what_the_text_returns_and_takes_other_kinds_of_
     loops._announce.cache_clear()
     with caplog.at_level("INFO", logger="rne"):
         assert total(x) == total(np.arange(4)) == total(x) == 14.0
-    assert caplog.messages == ["Numba translates the loops of simulations, some 10 s in all, once on this machine"]
+    assert caplog.messages == ["Numba translates the loops of simulations, about 10 s in all, once on this machine"]
     for wrong in (x[::2], x.astype(np.float32)):
         with pytest.raises(TypeError, match=r"^loops take C-contiguous arrays of float64 or int64, got "):
             total(wrong)

@@ -475,12 +475,12 @@ class TestArguments:
             (
                 {"wrt": "controller.kq"},
                 ValueError,
-                "`wrt`: beside 'q0' and 'qd0' the scene has the numbers .*; got 'controller.kq'",
+                "`wrt`: in addition to 'q0' and 'qd0' the scene has the numbers .*; got 'controller.kq'",
             ),
             (
                 {"wrt": "controller.robot"},
                 ValueError,
-                "`wrt`: beside 'q0' and 'qd0' the scene has the numbers .*; got 'controller.robot'",
+                "`wrt`: in addition to 'q0' and 'qd0' the scene has the numbers .*; got 'controller.robot'",
             ),
             ({"method": "RK45"}, ValueError, "`method` must be .*, got 'RK45'; leave `step` out for others"),
             ({"numbers": [3.0]}, TypeError, "`numbers` must be a mapping of names to arrays, got list"),

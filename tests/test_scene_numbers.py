@@ -851,7 +851,7 @@ def test_numbers_that_are_not_per_joint_are_given_whole_and_payloads_are_of_poss
         with pytest.raises(ValueError, match=rf"^`numbers\['{name}'\]` must have shape"):
             scene.with_numbers({name: 1.0})
     z = np.zeros((2, arm.n))
-    with pytest.raises(ValueError, match=r"^`numbers\['payload'\]` must be of possible bodies, which those of start 1"):
+    with pytest.raises(ValueError, match=r"^`numbers\['payload'\]` must be of physically possible bodies; start 1"):
         rne.ensemble(scene, z, z, 0.1, numbers={"payload": [scene.numbers["payload"], np.ones(10)]})
 
 

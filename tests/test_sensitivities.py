@@ -483,7 +483,7 @@ def test_progress_and_interrupts(chain):
 
 
 REFUSED = {
-    "name": ({"wrt": "kp"}, ValueError, "`wrt`: beside 'q0' and 'qd0' the scene has the numbers "),
+    "name": ({"wrt": "kp"}, ValueError, "`wrt`: in addition to 'q0' and 'qd0' the scene has the numbers "),
     "no text": ({"wrt": [3]}, TypeError, "`wrt` must be names of numbers, got 3"),
     "rk4": ({"method": "rk4"}, ValueError, "`method` must be 'auto' or one of .*, got 'rk4'; rk4 needs `step`"),
     "method": (

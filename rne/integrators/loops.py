@@ -200,7 +200,7 @@ def numba_version() -> str:
 @functools.cache
 def _announce() -> None:
     """Log once per process why the first simulation takes long."""
-    LOGGER.info("Numba translates the loops of simulations, some 10 s in all, once on this machine")
+    LOGGER.info("Numba translates the loops of simulations, about 10 s in all, once on this machine")
 
 
 def _llvm_text(text: Callable[..., Any], arguments: tuple[Any, ...]) -> str:

@@ -93,7 +93,7 @@ def is_finite(x: Any) -> bool:
 
 @inline
 def spread(state: Any, states: Any, held: Any, waiting: Any) -> None:
-    """Split the part of a row behind the state of the equations, z, held and waiting, into separate arrays."""
+    """Split the part of a row after the state of the equations, z, held and waiting, into separate arrays."""
     put(state, states)
     put(state[len(states) :], held)
     put(state[len(states) + len(held) :], waiting)
@@ -174,9 +174,9 @@ def step_rows(
     With `weights` of rows, not an empty vector, derivatives of the weighted rows are pulled back instead: those by the
     rows into `out`, by other inputs into `others`.
     """
-    lanes, count, (begin, last), alone = len(group.rates.begins), 0, span, 0
+    lanes, count, (begin, last), single = len(group.rates.begins), 0, span, 0
     while begin < last:
-        end = begin + 1 if alone > 0 else min(begin + lanes, last)
+        end = begin + 1 if single > 0 else min(begin + lanes, last)
         valid = interval(group, rows, u, own, begin, end)
         if weights.ndim == 2:  # known when machine code is made
             valid = valid and pull_back_interval(group, slopes, weights, begin, end)
@@ -185,10 +185,10 @@ def step_rows(
             if weights.ndim == 2:
                 give(slopes.others, begin, end, lanes, others)
         elif end - begin > 1:
-            alone = end - begin  # one by one, so that no row depends on its neighbours
+            single = end - begin  # one by one, so that no row depends on its neighbours
             continue
         else:
             left[begin] = 1
             count += 1
-        alone, begin = alone - 1, end
+        single, begin = single - 1, end
     return count

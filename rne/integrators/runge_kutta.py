@@ -173,7 +173,7 @@ def take_samples(law: Any, holding: Any, problem: Any, timing: Any, how: Any, st
     held.number[:] = 0
     while step < len(T) - 1 and T[step] < end:
         if T[step] >= min(next_changes(timing, holding.counts)):
-            for i in range(len(u) - n - coordinates):  # behind the commands, 0 for a rate that is held at zero
+            for i in range(len(u) - n - coordinates):  # after the commands, 0 for a rate that is held at zero
                 X[step, coordinates + i] *= u[n + i]
             if not change_command(law, holding, timing, u, steps, step, held):
                 return step

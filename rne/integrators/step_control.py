@@ -40,7 +40,7 @@ class Interval(NamedTuple):
     atol: float
     counted: int  # number of the first components of the state, whose errors count
     max_step: float = float("inf")
-    # Added to the size of a component behind `counted`, to which its error is relative; infinite: it does not count
+    # Added to the size of a component after `counted`, to which its error is relative; infinite: it does not count
     integral_scale: float = float("inf")
     t_eval: Array = np.zeros(0)  # (S,), times to report, ascending, the end as the last
     grid: Array = np.zeros(0)  # the begin, and the ends of steps that are not controlled; empty for those that are

@@ -375,7 +375,7 @@ def _plan(
     has_events = scene.stops or (friction is not None and friction.sticks)
     has_events |= any(name.endswith(".breaks") for name in own)  # of a law, where steps end
     is_called = dynamics.inputs == "called"
-    if period is not None:  # in lanes alone
+    if period is not None:  # only in lanes
         in_lanes = fallback.kernel.is_unrolled and fallback.kernel.engine == "numba"
         is_called = not in_lanes or (law is None and given is None)
     if step is not None and has_events:
@@ -486,7 +486,7 @@ class BatchRun:
         places, stiff = chunk.first + np.arange(len(x)), np.zeros(len(x), dtype=bool)
         run: Callable[..., BatchResult] = run_batch if self.held is None else run_lanes
         last = places if self.held is None else self.held(chunk.numbers, chunk.torque)
-        further = 0 if self.held is None else self.dynamics.joints + 1  # behind states: held torques, their work
+        further = 0 if self.held is None else self.dynamics.joints + 1  # after the states: held torques, their work
         x, size = np.pad(x, [(0, 0), (0, further)]), x.shape[1]
         states = np.full((len(self.times), *x.shape), np.nan, x.dtype)
         reported = int(0.0 in self.times and 0.0 not in self.intervals[0].t_eval)

@@ -115,7 +115,7 @@ class SceneUnit:
 
     @cached_property
     def starts(self) -> tuple[Array, Array]:
-        """Initial positions and velocities of joints, or of joints and the motors behind them."""
+        """Initial positions and velocities of joints, or of joints and their motors."""
         q0, qd0 = (np.zeros(self.scene.n) if x is None else np.asarray(x, np.float64) for x in (self.q0, self.qd0))
         q, qd = self.named.equations.start(self.scene.resolved.robot, q0, qd0)
         check_within_stops(self.stops, np.concatenate([q, qd]))
@@ -206,7 +206,7 @@ class SceneUnit:
 
     @cached_property
     def sides(self) -> dict[str, str]:
-        """Prefixes of names and descriptions of joints, and of motors behind elastic ones."""
+        """Prefixes of names and descriptions of joints, and of motors of elastic ones."""
         return {"": "", "motor_": "motor "} if self.named.equations.n > self.scene.n else {"": ""}
 
     def moving(self) -> tuple[list[Variable], dict[str, list[Variable]]]:

@@ -74,7 +74,7 @@ class FrozenScene:
             if name.endswith(".breaks"):
                 raise ValueError(f"steps end at {name!r}: it can be neither in `wrt` nor differ from motion to motion")
             if name not in known:
-                raise ValueError(f"`wrt`: beside 'q0' and 'qd0' {unknown(name, known)}")
+                raise ValueError(f"`wrt`: in addition to 'q0' and 'qd0' {unknown(name, known)}")
         found: Scene = with_inputs(self.given, asked)
         return found
 
@@ -90,7 +90,7 @@ class FrozenScene:
 
     @cached_property
     def refused(self) -> str:
-        """Reason why steps do not follow from the state alone, and the cure; empty if they do."""
+        """Reason why steps depend on more than the state, and what to do about it; empty if they do not."""
         scene, friction = self.scene, self.given.resolved.friction
         if scene.stops:
             return "`stops` end a run: set `stops` to False"

@@ -171,7 +171,7 @@ class _Batch(NamedTuple):
         return schedule_of(tableau(self.method), ends, *frozen.instants(self.end))
 
 
-class _Told:
+class _Progress:
     """Progress of the steps of all motions, forwards and backwards, reported to `progress`."""
 
     def __init__(self, progress: Callable[[int, int], object] | None) -> None:
@@ -196,7 +196,7 @@ class _Task:
     final: UserFunction | None
     names: tuple[str, ...]
     memory: int
-    told: _Told
+    progress: _Progress
 
     def of_all(self, batch: _Batch) -> tuple[Array, dict[str, Array]]:
         """Costs of all motions, (N,), and their derivatives, side by side where they have the same steps."""
@@ -207,7 +207,7 @@ class _Task:
             idle = L - len(places) if frozen.by_machine else 0
             part = batch.rows(np.append(places, np.full(idle, places[-1])))  # the last motion fills the lanes
             schedule = part.schedule(at)
-            self.told.begin(2 * len(schedule.lengths) * count, len(places))
+            self.progress.begin(2 * len(schedule.lengths) * count, len(places))
             values, found = replace(self, frozen=at).of_group(part, schedule, by_machine=frozen.by_machine)
             value[places] = values[: len(places)]
             for name, array in found.items():
@@ -235,7 +235,7 @@ class _Task:
     def _of(
         self, group: SideBySide, starts: tuple[Array, Array], torque: Array, schedule: Schedule
     ) -> tuple[Array, dict[str, Array]] | None:
-        run, L = _Backwards(group, schedule, self.memory, self.told.tell), group.count
+        run, L = _Backwards(group, schedule, self.memory, self.progress.tell), group.count
         end, samples = schedule.begins[-1] + schedule.lengths[-1], schedule.begins[schedule.sampled > 0]
         group.check_within_samples(0.0, end, samples.max(initial=0.0))
         x = flat(self.frozen.start(group.numbers, *starts))
@@ -379,7 +379,7 @@ def motion_gradient(
     frozen = FrozenScene(scene, tuple(dict.fromkeys((*names, *own))), cost, torques.size > 0)
     chosen = _method(frozen, method, step)
     at_end = None if final is None else UserFunction("final", final, (scene.n,) * 2)
-    task = _Task(frozen, at_end, names, whole_number("memory", memory, least=1), _Told(progress))
+    task = _Task(frozen, at_end, names, whole_number("memory", memory, least=1), _Progress(progress))
     longest = None if step is None else positive_number("step", step)
     value, gradient = task.of_all(_Batch(starts, own, torques, end, longest, chosen, tolerances(rtol, atol)))
     part = 0 if is_one else slice(None)

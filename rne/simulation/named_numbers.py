@@ -183,13 +183,13 @@ class NamedNumbers:
             return {"t": 1, "q": None, "qd": None, **states, **self.law.piece_width}
         if quantity == "friction_torque":
             if parts.friction is None or "load" in parts.friction.losses:
-                raise ValueError("'friction_torque' needs a scene with friction that depends on velocities alone")
+                raise ValueError("'friction_torque' needs a scene with friction that depends only on velocities")
             return {"qd": None}
         how = self._declared(quantity)
         if not how.widths or not how.returns_array:
             raise ValueError(f"`quantities`: {quantity!r} is no function of joint arrays in rne.dynamics")
         if quantity in DRIVEN:
-            self.scene.refuse_elastic(quantity, "the drives are behind springs")
+            self.scene.refuse_elastic(quantity, "springs separate drives and links")
         return dict(how.widths)
 
     def _core(self, quantity: str, model: Model, **arrays: Array) -> Any:

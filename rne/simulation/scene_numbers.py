@@ -245,7 +245,7 @@ def scene_of_all(scene: Any, own: Mapping[str, Array]) -> Any:
             least = np.linalg.eigvalsh(P) / np.maximum(np.abs(P).max(axis=(-2, -1)), 1e-300)[:, None]
         if len(array) and least.min(initial=0.0) < -ROUNDING:
             k = int(np.argmin(least.min(axis=1)))
-            raise ValueError(f"`numbers[{name!r}]` must be of possible bodies, which those of start {k} are not")
+            raise ValueError(f"`numbers[{name!r}]` must be of physically possible bodies; start {k} has others")
         if not name.startswith("friction.") and name not in BODIES and len(array):
             for end in (array.min(axis=0), array.max(axis=0)):  # what they accept at both they accept in between
                 scene_at(scene, {name: end})

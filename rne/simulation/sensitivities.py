@@ -171,8 +171,7 @@ class Forwards:
         self.t, self.reached, self.next, self.limited = aligned(task.times, [task.ends]), 0.0, 0.0, False
         end, (samples, _, breaks) = float(task.ends[-1]), self.frozen.instants(task.ends[-1])
         group.check_within_samples(0.0, end, samples.max(initial=0.0))
-        behind = np.isin(self.t, breaks)
-        self.sides = np.where(behind, np.nextafter(self.t, np.inf), self.t)  # of laws that jump
+        self.sides = np.where(np.isin(self.t, breaks), np.nextafter(self.t, np.inf), self.t)  # after jumps of laws
         T, size, n, p = len(self.t), len(self.x), self.dynamics.joints, self.columns.p
         self.found_x, self.tau = np.zeros((T, size)), np.zeros((T, n))
         self.along_x, self.along_tau = np.zeros((T, size, p)), np.zeros((T, n, p))
