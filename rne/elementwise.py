@@ -23,16 +23,16 @@ OF_MPMATH = {"tanh": "tanh", "exp": "exp", "arctan2": "atan2"}
 SHARED = ("tanh", "exp", "sign", "arctan2", "minimum", "maximum")  # functions of the names of operations of kernels
 CHOOSING = ("sign", "less", "minimum", "maximum")  # functions that are not analytic
 SECTIONS = """Parameters
-    ----------
-    {names} : array_like
-        Numbers or traced numbers, broadcast against each other.
+----------
+{names} : array_like
+    Numbers or traced numbers, broadcast against each other.
 
-    Returns
-    -------
-    ndarray
-        Result of the broadcast shape.
+Returns
+-------
+ndarray
+    Result of the broadcast shape.
 
-    Examples
+Examples
 """
 
 
@@ -76,7 +76,8 @@ def _by_real_parts(name: str, a: Any, b: Any = 0.0) -> Array:
 def _documented(function: Callable[P, Array]) -> Callable[P, Array]:
     """Put the sections on parameters and result, which all these functions share, before the example."""
     names = ", ".join(inspect.signature(function).parameters)
-    function.__doc__ = (function.__doc__ or "").replace("Examples\n", SECTIONS.format(names=names))
+    text = inspect.cleandoc(function.__doc__ or "") + "\n"  # as Python 3.13 has it, without indentation
+    function.__doc__ = text.replace("Examples\n", SECTIONS.format(names=names))
     return function
 
 

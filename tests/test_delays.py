@@ -9,7 +9,6 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import rne
-from rne.control.sampled_loop import in_periods
 from rne.simulation.plant import Plant
 from rne.simulation.zero_order_hold import ZeroOrderHold
 
@@ -305,7 +304,11 @@ def test_a_loop_that_diverges_is_told_with_its_delay():
     [(0.0, 0.1, (0, 0)), (0.3, 0.1, (3, 0)), (0.1 + 0.2, 0.1, (3, 0)), (0.25, 0.1, (2, 0.05)), (0.29, 0.1, (2, 0.09))],
 )
 def test_a_delay_in_periods(delay, period, expected):
-    assert in_periods(delay, period) == pytest.approx(expected, abs=1e-15)
+    """As an observer remembers earlier commands: one more than whole periods; the older one acts for the remainder."""
+    observer = rne.control.MomentumObserver(rne.Robot(straight_chain(1)))
+    law = observer.law(lambda t, q, qd: 0 * q, sample_time=period, delay=delay)
+    assert law.earlier == (expected[0] + 1 if delay else 0)
+    assert law.share * period == pytest.approx(expected[1], abs=1e-15)
 
 
 @pytest.mark.parametrize("delay", kept([0.6 * T, 2 * T], [0.6 * T]))

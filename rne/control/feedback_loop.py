@@ -227,10 +227,10 @@ class LinearisedLoop(InNotebooks):
         or "undecided" [s].
     sample_time_limit : float
         Smallest sample time found at which the loop with held torques is not stable, a law's states by Euler's rule as
-        in `rne.simulate`; infinite if none was, 0 if it is in continuous time [s]. The states of a discrete law are
-        taken to change over another sample time than the scene's in proportion to it.
+        in `rne.simulate`; infinite if none was, 0 if it is in continuous time [s]. At other sample times than the
+        scene's, changes of a discrete law's states are taken to be proportional to the sample time.
     sample_time : float or None
-        The scene's own [s].
+        The scene's sample time [s].
     stable : bool or None
         True if the loop is stable near the target, with torques held and late if the scene's are.
     is_rest : bool

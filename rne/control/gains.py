@@ -61,7 +61,7 @@ class Gains(LinearisedLoop):
         The loop in the configuration `sample_time_q`, of which poles and margins are, with gravity compensated; the
         margins multiply and delay this compensation as well.
     is_rest, has_smoothed_friction, is_of_link, is_discrete : bool
-        As of other linearised loops: True, False, False, False.
+        Fields of all linearised loops; here True, False, False, False.
     """
 
     largest_mode: float

@@ -319,9 +319,9 @@ class MomentumObserver:
         >>> law.states, law.places["torques"]
         (50, slice(13, 19, None))
         """
-        for name, given in (("law", law), ("reaction", reaction)):
-            if given is not None or name == "law":
-                check_law(name, given)
+        check_law("law", law)
+        if reaction is not None:
+            check_law("reaction", reaction)
         return ObserverLaw(self, law, *remembered(self.robot, sample_time, delay, effort_limit), reaction)
 
     def watching(

@@ -246,7 +246,7 @@ def payload_observer(
     TypeError
         If `law` is no function of (t, q, qd).
     ValueError
-        If the link is not given and not known, does not move, or a number is out of its range.
+        If the link is not given and ambiguous, does not exist or does not move, or a number is out of its range.
 
     Notes
     -----

@@ -215,8 +215,8 @@ def impedance(
         True for the part of the posture's torques that does not accelerate the link, `Robot.null_space`. The energy of
         the closed loop need not fall then.
     inertia : array_like, shape (6, 6), optional
-        For critical damping: `robot.task_inertia(q, link)` at the target, in the root link's axes. By default that at
-        the positions of `posture`, at time 0 if these move, whose link should be at the target.
+        For critical damping: `robot.task_inertia(q, link)` at the target, in the root link's axes. By default the
+        inertia at the positions of `posture`, at time 0 if these move, which should place the link at the target.
     axes : {"target", "base"}
         Axes of stiffness and damping: the target's or the root link's.
 

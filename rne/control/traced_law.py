@@ -382,7 +382,7 @@ def _trials(count: int, size: int) -> tuple[Array, Array]:
 
 
 def compiled(law: Any, robot: Robot | None = None, *, engine: str | None = None) -> Kernel:
-    """A control law as a kernel of t, q and qd: in a microsecond by machine code, or as source text.
+    """A control law as a kernel of t, q and qd: machine code, which takes a microsecond, or source text.
 
     Parameters
     ----------
@@ -391,7 +391,7 @@ def compiled(law: Any, robot: Robot | None = None, *, engine: str | None = None)
     robot : Robot, optional
         The law's own if not given.
     engine : {"numpy", "numba"}, optional
-        That of the robot if not given.
+        The robot's engine if not given.
 
     Returns
     -------
@@ -400,8 +400,8 @@ def compiled(law: Any, robot: Robot | None = None, *, engine: str | None = None)
         torques, followed by the m rates of the states, or of a discrete law the m states at the next sample: shape
         (..., n + m). `Kernel.into` writes them without allocation, `Kernel.source` prints them. Without limits: clip
         the torques to what your drives bear. Where the law holds a motion through samples, the last argument is the
-        `piece` of it that holds at t: a call finds it if it is left out, `kernel.piece(t)` gives it to `into`, and in C
-        a function that is printed as well.
+        motion's `piece` at t: a call finds it if it is left out; for `into` use `kernel.piece(t)`, and in C the
+        function that is printed with the kernel.
 
     Raises
     ------
