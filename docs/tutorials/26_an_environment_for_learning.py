@@ -40,8 +40,7 @@ print("stretched out sideways:", arm.gravity_torque([np.pi / 2, 0]).round(2), "N
 # The environment
 # ---------------
 # An episode begins at rest, near hanging, and lasts 6 s. The tool's height is 1 where
-# the arm stands upright. An arm that exceeds the speed limit gets the lowest reward for
-# the rest of the episode.
+# the arm stands upright. The episode of an arm that exceeds the speed limit ends there.
 
 task = {
     "task": "swing-up",
