@@ -112,7 +112,7 @@ def test_a_falling_mass_is_at_its_closed_form(lift, tmp_path, capsys):
         "q0 -1 m",
         "qd0 0 m/s (not given: zero)",
         "torque -1 N",
-        "rigid bodies alone: no friction, stops or torque limits",
+        "only rigid bodies: no friction, stops or torque limits",
     ]
     assert said[5].startswith("DOP853: ")
     assert re.fullmatch(r"energy drift \S+ J", said[6])
@@ -185,7 +185,7 @@ def test_torques_of_the_files_accelerations_are_those_of_the_drives(motion, tmp_
     assert capsys.readouterr().out.splitlines() == [
         f"robot irb140, joints {' '.join(robot.joint_names)}, gravity 0 0 -9.81 m/s^2",
         f"q, qd and qdd from {tmp_path / 'motion.csv'}",
-        "tau in N m: rigid bodies alone, without friction and inertia of the drives",
+        "tau in N m: only rigid bodies, without friction and inertia of the drives",
         "limits exceeded: none; the model has no effort limits",
         f"{out}: 101 samples from 0 to 1 s",
     ]
@@ -259,7 +259,7 @@ def test_robots_are_compared_joint_by_joint_and_by_their_torques(lift, tmp_path,
     assert said[:5] == [
         "up: effort limit 25, of the other 30",
         "up: mass 2, of the other 3",
-        f"torques of {other} beside those of {lift}, and the likely cause by torques alone",
+        f"torques of {other} compared with those of {lift}, and the likely cause by torques only",
         "cause: torque unit",
         "  torques are 1.5 times this robot's",
     ]
@@ -297,13 +297,13 @@ def test_robots_are_compared_joint_by_joint_and_by_their_torques(lift, tmp_path,
     (tmp_path / "four.urdf").write_text(rne.to_urdf(rne.load("irb140").locked({"joint_6": 0, "joint_5": 0}).model))
     assert main(["compare", "irb140", str(tmp_path / "four.urdf")]) == 1  # most joints are the same
     said = capsys.readouterr().out.splitlines()
-    assert said[0] == "joints of irb140 alone: joint_5, joint_6"
+    assert said[0] == "joints that only irb140 has: joint_5, joint_6"
     assert said[-1] == f"torques: not compared, irb140 has 6 joints, {tmp_path / 'four.urdf'} 4"
     locked = {f"joint_{k}": 0.0 for k in (3, 4, 5, 6)}
     (tmp_path / "two.urdf").write_text(rne.to_urdf(rne.load("irb140").locked(locked).model))
     for names in (("irb140", str(tmp_path / "two.urdf")), (str(tmp_path / "two.urdf"), "irb140")):
         assert main(["compare", *names]) == 1  # all joints of the smaller one are the same
-        assert "joints of irb140 alone: joint_3, joint_4, joint_5, joint_6" in capsys.readouterr().out
+        assert "joints that only irb140 has: joint_3, joint_4, joint_5, joint_6" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("searched", [False, pytest.param(True, marks=pytest.mark.long)])
@@ -332,7 +332,7 @@ def test_of_a_robot_with_other_names_it_is_said_that_torques_agree(tmp_path, cap
     (tmp_path / "b.urdf").write_text(rne.to_urdf(arm).replace("joint_", "axis_"))
     assert main(["compare", str(tmp_path / "a.urdf"), str(tmp_path / "b.urdf")]) == 1
     said = capsys.readouterr().out.splitlines()
-    assert said[0].endswith("a.urdf alone: joint_1, joint_2")
+    assert said[0].endswith("a.urdf has: joint_1, joint_2")
     assert "cause: none" in said
     assert "different" not in "".join(said)
 
@@ -350,7 +350,7 @@ def test_names_with_control_characters_are_printed_as_escapes(tmp_path, monkeypa
         (["simulate", FILE, "--duration", "0.1", "--every", "0.05", "--out", MOTION], "\nm\\u202e.csv: 3 samples"),
         (["torques", FILE, MOTION], "robot a\\x9b31m, joints b error: no, gravity"),
         (["torques", FILE, "no\n\x1b.csv"], "error: no\\n\\x1b.csv: No such file or directory"),
-        (["compare", FILE, FILE], "torques of x\\x1b[2J.urdf beside"),
+        (["compare", FILE, FILE], "torques of x\\x1b[2J.urdf compared"),
         (["compare", FILE, "irb140"], "\nx\\x1b[2J.urdf: 1 joint (b error: no), 2 kg moving\n"),
         (["identify", FILE, MOTION, "--page", "p\x1b"], "error: m\\u202e.csv: "),
         (["x\x9by"], "invalid choice: 'x\\x9by'"),
@@ -417,7 +417,7 @@ def test_limits_that_the_torques_exceed_are_said(lift, tmp_path, capsys):
     file.write_text("t,q.up,qd.up,qdd.up\n0,0.5,0,0\n0.1,0.5,0,5.19\n")
     assert main(["torques", lift, str(file)]) == 0
     assert capsys.readouterr().err.splitlines()[2:] == [
-        "tau in N: rigid bodies alone, without friction and inertia of the drives",
+        "tau in N: only rigid bodies, without friction and inertia of the drives",
         "limits exceeded: 1",
         "  up: torque 30 N above 25 N, worst at 0.1 s, first at 0.1 s",
     ]

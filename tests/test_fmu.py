@@ -354,7 +354,7 @@ def test_the_command_writes_a_unit_and_replaces_its_own_alone(tmp_path, monkeypa
     robot.write_text(rne.to_urdf(small().model), encoding="utf-8")
     assert main(["export", str(robot), str(path), "--fmi", "3.0", "--payload-at", "link_2"]) == 0
     assert is_marked(path)
-    assert "arm.fmu: FMI 3.0, sources alone" in capsys.readouterr().out
+    assert "arm.fmu: FMI 3.0, only sources" in capsys.readouterr().out
     with zipfile.ZipFile(path) as archive:
         assert "payload.mass" in archive.read("modelDescription.xml").decode()
     path.write_bytes(b"a file of others")

@@ -502,7 +502,7 @@ def test_rne_identify_without_torques(lever, monkeypatch, capsys):
     assert abs(rne.load(lever / "found.urdf").model.damping[0] - 0.4) < 0.004  # 1 %, some standard errors
     for wrong, text in (
         ([*call, "--kp", "5"], "--kp: needs --without-torques"),
-        ([*call, "--without-torques"], "--kp: is needed: gains to start from, a factor of two off is near enough"),
+        ([*call, "--without-torques"], "--kp: is needed: gains to start from, which may be wrong by a factor of two"),
         ([*motion, "--gains", "2"], "--gains: is of torques, and cannot be given with --without-torques"),
         ([*motion, "--servo", "sts3215-12v"], "--servo: needs --controller servo"),
         ([*motion[:-1], "controller.ki"], "--wrt must name some of "),

@@ -29,7 +29,9 @@ OTHERS = ("controller", *NUMBERS, "servo", "wrt", "starts", "shot", "robust")  #
 
 def add_commanded(parser: argparse.ArgumentParser) -> None:
     """Add the options of fits to commands and positions."""
-    text = "numbers are where the fit starts, a factor of two off is near enough; those that are not zero are fitted"
+    text = (
+        "the fit starts from these numbers, which may be wrong by a factor of two; those that are not zero are fitted"
+    )
     group = parser.add_argument_group("without torques", text)
     group.add_argument("--without-torques", action="store_true", help="fit a model to commanded and measured positions")
     group.add_argument("--controller", choices=("pd", "servo"), help="control of the drives (default: pd)")
@@ -65,7 +67,7 @@ def scene_of(robot: rne.Robot, arguments: argparse.Namespace) -> rne.Scene:
     figures = rne.control.servo_figures(arguments.servo) if arguments.servo else None
     if "kp" not in given and figures is None:
         or_servo = ", or --servo" * (arguments.controller == "servo")
-        raise CommandError(f"--kp: is needed{or_servo}: gains to start from, a factor of two off is near enough")
+        raise CommandError(f"--kp: is needed{or_servo}: gains to start from, which may be wrong by a factor of two")
     if figures is not None:
         law: Any = figures.law(robot)
         of_law = {"kp": law.kp, "stall_torque": figures.stall_torque, "no_load_speed": figures.no_load_speed}

@@ -29,9 +29,7 @@ def add_identify(commands: Any) -> None:
     title = "find masses, rotors and friction from logs of motions"
     parser = shared.add_parser(commands, "identify", title, IDENTIFY, run_identify)
     shared.add_robot(parser)
-    logs = (
-        "files as rne.identification.Record.from_log reads them: text, JSON, bags of ROS, .mat, .npz, LeRobot data sets"
-    )
+    logs = "files for rne.identification.Record.from_log: text, JSON, bags of ROS, .mat, .npz, LeRobot data sets"
     parser.add_argument("logs", metavar="LOG", type=Path, nargs="+", help=logs)
     parser.add_argument("--check", metavar="LOG", type=Path, help="another motion, to be predicted")
     add_units(parser)
@@ -131,6 +129,7 @@ def _named(text: str) -> dict[str, Any]:
 
 
 def _merged(option: str, given: list[dict[str, Any]] | None) -> dict[str, Any]:
+    """Values of all uses of an option by quantity."""
     merged = {kind: value for part in given or () for kind, value in part.items()}
     if len(merged) < len(given or ()) or ("" in merged and len(merged) > 1):
         raise CommandError(f"{option}: must name each quantity once, or be given once without a quantity")

@@ -1,7 +1,6 @@
-"""Results of Pinocchio in this package's joint order and conventions.
+"""Results of Pinocchio in this package's joint order and conventions, mapped by joint names.
 
-Pinocchio orders siblings alphabetically, represents a `continuous` joint by (cos, sin), writes spatial vectors as
-[linear; angular], and treats mimic joints as independent. Everything is mapped by joint name.
+Pinocchio orders siblings by the alphabet, has (cos, sin) of a `continuous` joint, and takes mimics as independent.
 """
 
 from __future__ import annotations

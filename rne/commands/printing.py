@@ -31,18 +31,15 @@ LANGUAGES, TYPES = ("python", "numpy", "matlab", "c", "c++", "rust"), ("float64"
 
 
 def quantities() -> list[str]:
-    """Names of the functions of a model that take joint arrays alone and return an array."""
-
-    def takes_joint_arrays_alone(name: str) -> bool:
-        function = getattr(rne.dynamics, name)
-        declared = getattr(function, "quantity", None)
-        if declared is None or not declared.returns_array:
-            return False
-        parameters = inspect.signature(function).parameters.values()
-        needed = [p.name for p in parameters if p.default is p.empty and p.name != "model"]
-        return needed == list(declared.widths)
-
-    return [name for name in rne.dynamics.__all__ if takes_joint_arrays_alone(name)]
+    """Names of the functions of a model that take only joint arrays and return an array."""
+    found = []
+    for name in rne.dynamics.__all__:
+        declared = getattr(function := getattr(rne.dynamics, name), "quantity", None)
+        if declared is not None and declared.returns_array:
+            parameters = inspect.signature(function).parameters.values()
+            needed = [p.name for p in parameters if p.default is p.empty and p.name != "model"]
+            found += [name] if needed == list(declared.widths) else []
+    return found
 
 
 def add_check(commands: Any) -> None:
@@ -104,7 +101,9 @@ def add_compare(commands: Any) -> None:
     title = "print how two robots differ: joints, limits, bodies, and the likely cause of other torques"
     parser = shared.add_parser(commands, "compare", title, "rne compare irb140 irb140.urdf", run_compare)
     shared.add_robot(parser)
-    other = "another robot, of as many joints for torques to be compared; payload and locked joints are of ROBOT alone"
+    other = (
+        "another robot, of as many joints for torques to be compared; payload and locked joints are only those of ROBOT"
+    )
     parser.add_argument("other", metavar="OTHER", help=other)
     least = "differences below this part of a joint's torques are rounding (default: that of rne.compare_models)"
     parser.add_argument("--tolerance", metavar="PART", type=number, help=least)
@@ -129,7 +128,7 @@ def run_compare(arguments: argparse.Namespace) -> int:
         work.begin(f"searching the cause by which torques of {names[1]} differ from those of {names[0]}")
         found = rne.compare_models(one, other, tolerance=tolerance)
         different, differs = found.different, bool(differences) or found.causes != ("none",)
-        lines += [f"torques of {names[1]} beside those of {names[0]}, and the likely cause by torques alone"]
+        lines += [f"torques of {names[1]} compared with those of {names[0]}, and the likely cause by torques only"]
         lines += found.report().split("\n")
     if different:
         lines = [different, *(f"{name}: {_in_short(x)}" for name, x in zip(names, (one, other), strict=True))]
@@ -149,20 +148,25 @@ def _differences(one: Model, other: Model, names: Sequence[str], tolerance: floa
     of = [{joint: i for i, joint in enumerate(model.moving_joints)} for model in (one, other)]
     for k, name in enumerate(names):
         if alone := [joint for joint in of[k] if joint not in of[1 - k]]:
-            yield f"joints of {name} alone: {', '.join(alone)}"
+            yield f"joints that only {name} has: {', '.join(alone)}"
     for joint in (joint for joint in of[0] if joint in of[1]):
         for what in COMPARED:
-            a, b = (np.ravel(getattr(model, what)[of[k][joint]]) for k, model in enumerate((one, other)))
-            if not (np.array_equal(a, b) or (a.dtype == float and np.allclose(a, b, tolerance, tolerance))):
-                both = (" ".join(x if isinstance(x, str) else f"{x:.9g}" for x in value) for value in (a, b))
-                yield f"{joint}: {what.replace('types', 'type').replace('_', ' ')} {', of the other '.join(both)}"
+            values = [getattr(model, what)[k[joint]] for model, k in zip((one, other), of, strict=True)]
+            if both := _unequal(values, tolerance):
+                yield f"{joint}: {what.replace('types', 'type').replace('_', ' ')} {both}"
     for link in (link for link in one.link_names if link in other.link_names):
-        places = [(model, model.link_index(link)) for model in (one, other)]
         for what in "translation", "rotation":
-            a, b = (np.ravel(getattr(model, f"link_{what}")[k]) for model, k in places)
-            if not np.allclose(a, b, tolerance, tolerance):
-                both = (" ".join(f"{x:.9g}" for x in value) for value in (a, b))
-                yield f"{link}: {what} on its body {', of the other '.join(both)}"
+            values = [getattr(model, f"link_{what}")[model.link_index(link)] for model in (one, other)]
+            if both := _unequal(values, tolerance):
+                yield f"{link}: {what} on its body {both}"
+
+
+def _unequal(values: Sequence[Any], tolerance: float) -> str:
+    """Text of two values, empty if they are equal, numbers within the tolerance."""
+    a, b = map(np.ravel, values)
+    if np.array_equal(a, b) or (a.dtype == float and np.allclose(a, b, tolerance, tolerance)):
+        return ""
+    return ", of the other ".join(" ".join(x if isinstance(x, str) else f"{x:.9g}" for x in value) for value in (a, b))
 
 
 def add_urdf(commands: Any) -> None:
@@ -180,21 +184,17 @@ def run_urdf(arguments: argparse.Namespace) -> int:
 
 def add_source(commands: Any) -> None:
     """Register `rne source`."""
-    title, example = (
-        "print a quantity as C, C++, Rust, MATLAB, Python or NumPy",
-        "rne source irb140 --language c > tau.c",
-    )
-    parser = shared.add_parser(commands, "source", title, example, run_source)
+    title = "print a quantity as C, C++, Rust, MATLAB, Python or NumPy"
+    parser = shared.add_parser(commands, "source", title, "rne source irb140 --language c > tau.c", run_source)
     shared.add_loaded_robot(parser)
     choices = quantities()
     default = f"{', '.join(choices)} (default: inverse_dynamics, or that of the element)"
     parser.add_argument("--quantity", metavar="QUANTITY", choices=choices, help=default)
-    element = "one entry alone: m23 of M, c3 of C q', g2 of g, tau4, h1, qdd5; joints from 1, m2_13 beyond nine"
+    element = "only one entry: m23 of M, c3 of C q', g2 of g, tau4, h1, qdd5; joints from 1, m2_13 beyond nine"
     parser.add_argument("--element", metavar="ELEMENT", help=element)
     parser.add_argument("--language", default="python", choices=LANGUAGES, help="(default: python)")
-    parser.add_argument(
-        "--dtype", default="float64", choices=TYPES, help="numbers of C, C++ and Rust (default: float64)"
-    )
+    numbers = "numbers of C, C++ and Rust (default: float64)"
+    parser.add_argument("--dtype", default="float64", choices=TYPES, help=numbers)
 
 
 def run_source(arguments: argparse.Namespace) -> int:
@@ -238,12 +238,8 @@ def add_export(commands: Any) -> None:
     parser.add_argument("--payload-at", metavar="LINK", dest="payload", help=payload)
     numbers = "further arguments, such as gravity or armature"
     parser.add_argument("--numbers", metavar="NAME", nargs="+", default=[], help=numbers)
-    parser.add_argument(
-        "--quantities",
-        metavar="QUANTITY",
-        nargs="+",
-        help="functions (default: those of a controller and its example)",
-    )
+    functions = "functions (default: those of a controller and its example)"
+    parser.add_argument("--quantities", metavar="QUANTITY", nargs="+", help=functions)
     parser.add_argument("--dtype", default="float64", choices=TYPES, help="type of all numbers (default: float64)")
     shared.add_force(parser)
 
@@ -277,7 +273,7 @@ def _write_unit(arguments: argparse.Namespace) -> int:
         built = scene.to_fmu(arguments.folder, **{name: getattr(arguments, name) for name in names})
     except (ValueError, TypeError, ImportError, RuntimeError) as error:
         raise CommandError(in_one_line(error)) from error
-    what = f"binaries for {', '.join(built)}" if built else "sources alone"
+    what = f"binaries for {', '.join(built)}" if built else "only sources"
     say(f"{arguments.folder}: FMI {arguments.fmi}, {what}")
     return 0
 

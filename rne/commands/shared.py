@@ -69,12 +69,12 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--gravity", metavar="X Y Z", type=numbers, help=gravity)
     locked = "joints that stay where they are, such as finger=0.02,wrist=1 [rad or m]"
     parser.add_argument("--locked", metavar="JOINT=Q,...", type=positions, help=locked)
-    effort = "effort limits in place of the robot's, one number for all joints or one for each [N m or N]"
+    effort = "effort limits instead of the robot's, one number for all joints or one for each [N m or N]"
     parser.add_argument("--effort", metavar="TAU", type=numbers, help=effort)
 
 
 def add_loaded_robot(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments for the robot and its payload alone."""
+    """Add the arguments for only the robot and its payload."""
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
     parser.set_defaults(gravity=None, locked=None, effort=None)
     parser.add_argument("--payload", metavar="KG", type=number, help="mass of a further body on the last link [kg]")
@@ -109,7 +109,7 @@ def robot_of(arguments: argparse.Namespace) -> rne.Robot:
 
 
 def used(robot: rne.Robot, arguments: argparse.Namespace) -> str:
-    """Line that names the robot used."""
+    """Line on the robot used: joints, gravity, payload."""
     model, com, inertia = robot.model, arguments.payload_com, arguments.payload_inertia
     line = f"robot {model.name}, joints {' '.join(robot.joint_names)}, gravity {written(model.gravity.tolist())} m/s^2"
     if arguments.payload is None:
@@ -128,7 +128,7 @@ def carriers(robot: rne.Robot, arguments: argparse.Namespace) -> Sequence[str]:
 
 
 def numbers(text: str) -> list[float]:
-    """Numbers separated by blanks or commas."""
+    """Parse numbers separated by blanks or commas."""
     try:
         values = [float(part) for part in text.replace(",", " ").split()]
     except ValueError:
@@ -270,10 +270,7 @@ def note(line: str) -> None:
 
 
 class Work:
-    """Progress of a command: its step, printed on standard error after two seconds without other output, and its time.
-
-    The clock is a function that returns seconds.
-    """
+    """Progress of a command: its step and time, printed on standard error after two seconds without other output."""
 
     pause = 2.0  # [s]
 
@@ -282,7 +279,7 @@ class Work:
         self.begin("reading the robot")
 
     def begin(self, what: str) -> None:
-        """Name the step that begins, after how long the one before took if its progress was printed."""
+        """Begin a step, after the time of the one before if its progress was printed."""
         self.end()
         self.what, self.share, self.begun = what, 0.0, self.clock()
         self.said = self.begun
@@ -369,10 +366,8 @@ def units_of(robot: rne.Robot, rotating: str, sliding: str) -> str:
     """Unit of a joint array: `N m`, or where joints slide too `N m (N of joints x, y)`."""
     model = robot.model
     slides = [n for n, i in zip(robot.joint_names, model.independent_joints, strict=True) if not model.is_revolute[i]]
-    if not slides:
-        return rotating
-    if len(slides) == robot.n:
-        return sliding
+    if len(slides) in (0, robot.n):
+        return sliding if slides else rotating
     return f"{rotating} ({sliding} of {'joint' if len(slides) == 1 else 'joints'} {', '.join(slides)})"
 
 
@@ -381,7 +376,7 @@ def bodies(robot: rne.Robot) -> str:
     model = robot.model
     units = np.where(model.is_revolute, "kg m^2", "kg")
     of = [f"{model.moving_joints[i]} {model.armature[i]:.6g} {units[i]}" for i in np.flatnonzero(model.armature)]
-    return f"rigid bodies and rotors ({listed(of)})" if of else "rigid bodies alone"
+    return f"rigid bodies and rotors ({listed(of)})" if of else "only rigid bodies"
 
 
 def say_limits(tell: Callable[[str], None], robot: rne.Robot, exceeded: Sequence[object]) -> None:

@@ -44,7 +44,7 @@ COMMANDED = re.compile(  # of these words those of commands; in the second group
 SPARE = re.compile(  # words that say nothing of the joint
     "actual|act|measured|meas|est|estimated|present|ist|angular|field|observation|state|feedback|fbk|log|data|values?|j"
 )
-CLOCKS = re.compile(  # words beside "time" and "stamp"
+CLOCKS = re.compile(  # words in addition to "time" and "stamp"
     "header|elapsed|rel|relative|since|start|system|epoch|unix|ros|rosbag|robot|sim|recv|s"
 )
 TOKEN = re.compile(r"d+(?:Q|Theta)(?![^\W\d_])|[A-Z]+(?![^\W\d_A-Z])|[A-Z]?[^\W\d_A-Z]+|\d+")
@@ -103,10 +103,7 @@ def measured(path: Any, options: LogOptions) -> tuple[dict[str, Any], list[str],
 
 
 def _wide(log: Log, options: LogOptions, guesses: Guesses) -> tuple[Log, LogOptions]:
-    """Log with columns for each joint, from one with rows for each; NaN where a joint has no row at a time.
-
-    Columns that are given are those of the log, and returned as those made of them.
-    """
+    """Log with columns, also those given, for each joint, from one with rows for each; NaN where a row is missing."""
     texts, j = _numbered(np.char.strip(log.columns[log.long].astype(str)))
     joints = [re.sub(r"\.0$", "", joint) for joint in texts.tolist()]
     meanings = {name: _meaning(name) for name in log.columns if name != log.long}
@@ -330,10 +327,7 @@ class Reading:
         return found, asked, both
 
     def _add_commands(self, found: Columns) -> None:
-        """Add the columns of commands, also those without a word for the quantity if there are no others.
-
-        Two of one joint that differ are an error.
-        """
+        """Add the columns of commands, those without a word for the quantity only if there are no others."""
         used = {name for own in found.values() for name in own.values()}
         joints = {*map(plain_name, found["q"]), ""}
         for kind in ("command", "command_rate"):

@@ -176,7 +176,7 @@ def _whole(path: Path, read: Callable[[], Any]) -> Any:
         if isinstance(error, ros_bags.NotReadError):
             raise ValueError(f"{path}: {error}") from None
         if isinstance(error, TooLargeError):
-            raise ValueError(f"{path}: {error}; write fewer samples, or less beside them, to a file") from None
+            raise ValueError(f"{path}: {error}; write fewer samples, or fewer other arrays, to a file") from None
         reason = cut(" ".join(str(error).split()), 3 * MAX_NAME) or type(error).__name__
         raise ValueError(f"{path}: is damaged or cut off ({reason})") from None
 
@@ -279,10 +279,7 @@ def _entries(entry: str) -> list[str]:
 
 
 def _joints_of(place: str, columns: Mapping[str, Array]) -> dict[str, Any]:
-    """Fields of a Log: the joints of numbered columns, which other columns or an array name; the column of a long form.
-
-    Columns of names are as long as all others.
-    """
+    """Fields of a Log: joints of numbered columns, by columns or an array of names; or the column of a long form."""
     _check_names(place, columns)
     found = {x: NUMBERED.fullmatch(x) for x in columns}
     named = sorted((int(m[2]) if m else 0, x) for x, m in found.items() if NAMES.fullmatch(m[1] if m else x))
@@ -437,7 +434,7 @@ def _json(text: str, most: int) -> dict[str, Any]:
             except json.JSONDecodeError as wrong:  # in the first line there are no lines of JSON
                 raise (ValueError(f"{wrong.msg}: line {k} column {wrong.colno}") if found else error) from None
     while isinstance(found, dict) and len(parts := [x for x in found.values() if isinstance(x, dict | list)]) == 1:
-        found = parts[0]  # beside settings, such as a gain
+        found = parts[0]  # in addition to settings, such as a gain
     arrays = _array_of(found, [most, most])
     if not isinstance(arrays, dict):
         raise ValueError("an object of arrays, or a list or lines of objects is needed")
@@ -445,15 +442,12 @@ def _json(text: str, most: int) -> dict[str, Any]:
 
 
 def _array_of(value: Any, left: list[int]) -> Any:
-    """Arrays of numbers, null being NaN, or of texts; of objects a mapping of these; None for anything else.
-
-    `left` has the bytes that they may still take, and those that all may.
-    """
+    """Arrays of numbers, null as NaN, or of texts, or a mapping of these; `left` are bytes still and ever allowed."""
     if isinstance(value, list) and value and all(isinstance(x, dict) for x in value):
         keys, count = dict.fromkeys(key for x in value for key in x), len(value)
         _take(8 * len(keys) * count, left)
         value = {key: [x.get(key) for x in value] for key in keys}
-        for key in keys:  # an array in place of a list
+        for key in keys:  # an array instead of a list
             _take(-8 * count, left)
             value[key] = _array_of(value[key], left)
         return value

@@ -25,7 +25,7 @@ Message = tuple[int, Sequence[str], Sequence[Sequence[float]]]
 JOINT_STATE, CONTROLLER_STATE = "sensor_msgs/msg/JointState", "control_msgs/msg/JointTrajectoryControllerState"
 STATES = {JOINT_STATE: "joint states", CONTROLLER_STATE: "states of controllers"}
 POINT = "trajectory_msgs/JointTrajectoryPoint"
-FIELDS = {  # of the bodies of messages; controllers have more fields behind these, and other names for them
+FIELDS = {  # of the bodies of messages; controllers have more fields after these, and other names for them
     JOINT_STATE: "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n",
     CONTROLLER_STATE: f"string[] name\n{POINT} reference\n{POINT} feedback\n{{0}}MSG: {POINT}\nfloat64[] positions\n"
     "float64[] velocities\nfloat64[] accelerations\nfloat64[] effort\nbuiltin_interfaces/Duration time_from_start\n"

@@ -1,7 +1,4 @@
-"""Samples of a motion in a table, by columns `t`, `q.<joint>`, `qd.<joint>`, `qdd.<joint>` and `tau.<joint>`.
-
-Of logs also `command.<joint>` and `command_rate.<joint>`.
-"""
+"""Samples of a motion in a table, by columns `t` and `q.<joint>`, `qd.<joint>` and so on; of logs also commands."""
 
 from __future__ import annotations
 
@@ -81,10 +78,10 @@ def read_csv(path: File, joint_names: Sequence[str], *, time_unit: TimeSymbol | 
     ValueError
         If the file is empty or no text; the heading or a column is missing, or there for some joints only, or twice;
         all columns of q, qd, qdd and tau are those of other joints;
-        an entry is not a finite decimal number; or the times do not ascend. Names the file, the row (counted from 1)
-        and the column. If the times look like milliseconds, microseconds or nanoseconds: they are later than the year
-        5138, `qd` is that of another unit, or in steps of 0.1 s and more no joint that moves is faster than 0.01 rad/s
-        or m/s, which would be up to 10 in such a unit.
+        an entry is not a finite decimal number; or the times do not ascend. The message contains the file, the row
+        (counted from 1) and the column. If the times look like milliseconds, microseconds or nanoseconds: they are
+        later than the year 5138, `qd` has another unit, or in steps of 0.1 s and more no joint that moves is faster
+        than 0.01 rad/s or m/s, which would be up to 10 in such a unit.
     OSError
         If the file cannot be read.
 
@@ -114,10 +111,7 @@ def in_seconds(path: File, samples: Samples, unit: str | None, cure: str = "", l
 
 
 def read_samples(path: File, joint_names: Sequence[str], *, needed: Sequence[str] = (), timed: bool = True) -> Samples:
-    """Samples of a file of comma-separated values that must have the quantities `needed`.
-
-    Points that are not `timed` have their numbers for times, and a column of times is ignored.
-    """
+    """Samples of a CSV file that must have the quantities `needed`; times that are not `timed` are row numbers."""
     from .logs import LogOptions, read_table
 
     log = read_table(os.fspath(path), text_of(Path(path)), LogOptions(separator=",", decimal=".", exact=True))
@@ -184,9 +178,8 @@ def _wanted(
     others = [column for column in columns if column.partition(".")[0] in quantities and "." in column]
     if joint_names and others and len(wanted) == timed:
         example = f"{others[0].partition('.')[0]}.{joint_names[0]}"
-        raise MissingColumn(
-            f"{place}: there are {listed_names(others)}, but no column of a joint here, such as {example!r}"
-        )
+        there = f"there are {listed_names(others)}"
+        raise MissingColumn(f"{place}: {there}, but no column of a joint here, such as {example!r}")
     if twice := [column for column in wanted if columns.count(column) > 1]:
         raise ValueError(f"{place}: column {twice[0]!r} is there twice")
     return wanted

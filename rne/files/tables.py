@@ -61,14 +61,12 @@ def text_of(path: Path) -> str:
 
 
 def formatted(text: str, separator: str | None = None, decimal: str | None = None) -> tuple[str, str, str]:
-    """Text with its separator and decimal sign, with which most entries are numbers; separating blanks become one.
-
-    Commas separate where one of the names between them is `t`, whatever is in other columns.
-    """
+    """Text, with single blanks if they separate, and the separator and decimal sign that make most entries numbers."""
     lines = [line for line in text[:HEAD].splitlines() if line.strip()]
     pairs = ((x, below) for x, below in pairwise(lines) if not below.lstrip().startswith("#"))
     heading, first = next(pairs, ("", ""))
     names = [x.strip(' "') for x in heading.lstrip(" #").split(",")]
+    # Commas separate if one of the names between them is `t`, whatever is in other columns.
     if separator is None and "t" in names and first.count(",") >= len(names) - 1:
         separator = ","
     lines = [line for line in text[len(text) // 2 * (len(text) > MIDDLE) :][:MIDDLE].splitlines() if line.strip()]

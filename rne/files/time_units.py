@@ -19,7 +19,7 @@ STEPS = 2e-5, 10.0  # range of the steps of logs [s]
 TRAVEL = 1e-3  # smallest motion [rad or m], except in such steps
 SLOW, FAST = 2e-3, 2.0  # plausible range of speeds relative to the joints' limits
 CREEPING = 1e-3  # relative speed below which a date in a unit is doubted
-SPEED = 5.0  # speed in place of an unknown limit [rad/s or m/s]
+SPEED = 5.0  # speed instead of an unknown limit [rad/s or m/s]
 AGREE, FACTOR = 0.8, 3.0  # correlation of measured velocities with differences of positions, and error of their ratio
 SPIKED = 10  # samples from which single jumps do not count as motion, and ratios of velocities are estimated
 
@@ -44,9 +44,9 @@ class TimeUnit(NamedTuple):
 def guessed_unit(t: Array, q: Array, qd: Array | None = None, limits: Array | None = None) -> TimeUnit | None:
     """Unit of times (K,) that are hardly in seconds; None where seconds are plausible.
 
-    They are not where measured velocities are those of another unit; where times are later than any date; and where
-    steps are long and no joint reaches a five-hundredth of its velocity limit, although a joint moves. Named is the
-    unit that gives steps of 20 us to 10 s and the largest speeds below twice the limits, at rest that of a date.
+    Seconds are not plausible if measured velocities fit another unit, times are later than any date, or steps are long
+    and no joint reaches 1/500 of its velocity limit although one moves. The unit returned gives steps of 20 us to 10 s
+    and the largest speeds below twice the limits; of a robot at rest it is that of a date.
     """
     if len(t) < 2:
         return None
