@@ -292,7 +292,7 @@ def identify_payload(
 
 
 def beside_given(standard: StandardParameters, data: RegressionData, x: Array, sigma: Array) -> float:
-    """Ratio of the torques of bodies of parameters x to those of the model, 1 where these are unlike."""
+    """Ratio of the torques of bodies of parameters x to the model's, 1 where they are not proportional."""
     bodies = standard.groups["bodies"]
     found, given = ((data.Y[..., bodies] @ values[bodies] / sigma)[data.used] for values in (x, standard.values))
     both, own, whole = found @ given, given @ given, found @ found

@@ -161,7 +161,7 @@ def assemble(
     unexplained: Unexplained | None = None,
     notes: Sequence[str] | None = None,
 ) -> Identification:
-    """The result of an identification from those of its stages.
+    """The result of an identification from the results of its stages.
 
     Parameters
     ----------
@@ -385,7 +385,7 @@ def tried_hypotheses(
 
 
 def fitted_springs(springs: Sequence[Spring | JointSpring], robot: Robot, moved: Robot) -> Springs | None:
-    """Springs to be found, those of joints that are not locked, checked."""
+    """Springs to be found, at joints that are not locked, checked."""
     from ..simulation.springs import resolved_springs
 
     found = resolved_springs(springs, robot, moved)

@@ -258,7 +258,7 @@ class RecordSets:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Kinds of random errors, those of changes for each set but the first."""
+        """Kinds of random errors; of changes, one for each set but the first."""
         between = ("",) if len(self.data) < 3 else (*(", load weighed",) * (len(self.data) - 2), ", load")
         return (*KINDS, *(f"{kind}{which}" for which in between for kind in CHANGES))
 
@@ -383,7 +383,7 @@ def eliminated(factor: Array, kept: slice) -> Array:
 
 
 def spreads(factor: Array, K: int, m: int, n: int) -> Array:
-    """Standard deviations of the m coefficients of n joints' random errors, which follow the K first unknowns."""
+    """Standard deviations of the m coefficients of n joints' random errors, which follow the first K unknowns."""
     errors, rest = factor[:, K : K + m], eliminated(factor, np.s_[K : K + m])
     H, h = rest[:, :-1].T @ rest[:, :-1], rest[:, :-1].T @ rest[:, -1]
     told = (np.diag(H) > thresholds.APART_FROM_OTHERS**2 * (errors**2).sum(0)).reshape(-1, n)

@@ -4,11 +4,11 @@ minimise 1/2 |R x - b|^2 + w sum over bodies of (tr(P0^-1 P) - log det(P0^-1 P) 
 
 over the bodies' pseudo-inertias P, which log det keeps positive definite, and over drives whose inertia and friction
 are not negative. The second term is the log-det divergence from a prior P0 (Lee, Wensing and Park 2020): it decides
-where the motion says nothing, and does not depend on units and frames. With P = L X L^T and P0 = L L^T each body is a
-matrix X near the identity; log det X is the largest sum of log Z_ii with [[X, Z], [Z^T, diag Z]] positive semidefinite
-and Z lower triangular (Ben-Tal and Nemirovski 2001, section 4.2). Clarabel solves the cone programme to a small gap of
-its objective, which log det leaves flat: bodies then have half of their digits. The minimum is smooth inside the cone,
-and a few Newton steps find the others.
+where the motion is not informative, and does not depend on units and frames. With P = L X L^T and P0 = L L^T each body
+is a matrix X near the identity; log det X is the largest sum of log Z_ii with [[X, Z], [Z^T, diag Z]] positive
+semidefinite and Z lower triangular (Ben-Tal and Nemirovski 2001, section 4.2). Clarabel solves the cone programme to a
+small gap of its objective, which is flat because of log det: half of the digits of the bodies are then correct. The
+minimum is smooth inside the cone, and a few Newton steps find the other digits.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ def consistent_fit(factor: Array, prior: Array, weight: float, bounded: Array, s
     """Best-fitting physically consistent standard parameters.
 
     `factor` is triangular, of the weighted equations [R b] of the standard parameters; `prior` has pseudo-inertias P0,
-    positive definite, of shape (nb, 4, 4), `weight` belongs to the divergence from it; `bounded` drives may not be
-    negative, `size` is what they typically are.
+    positive definite, of shape (nb, 4, 4), `weight` is the weight of the divergence from it; `bounded` drives may not
+    be negative, `size` is their typical size.
     """
     factor = factor[:-1]  # the last row is the residual norm
     scale = scaling(prior, size)

@@ -1,13 +1,13 @@
 """Equations Y x = tau of measured motions: from records to rows, and from rows to triangular factors.
 
 A factor R of [Y tau] has |Y x - tau| = |R (x, -1)| for every x. Factors are kept for each block of time and each joint:
-weights of joints, fits without some of the blocks and errors on those blocks need no row of the measurement again.
+weights of joints, fits without some of the blocks and errors on those blocks do not need the rows again.
 
 Instruments Z stand before Y in the factors of [Z Y tau]. Estimates then are those of the part of the equations of all
 joints, over their noise, that lies in the space of Z: with orthonormal Q that span it, Q^T Y x = Q^T tau. With as many
 instruments as unknowns Z^T Y x = Z^T tau, instrumental variables; with more, two-stage least squares.
 
-Residuals that resemble their neighbours carry less information than their number says: the effective sample size is the
+Residuals that resemble their neighbours carry less information than independent ones: the effective sample size is the
 number of rows over the integrated autocorrelation time, 1 + 2 sum rho_k (Sokal 1997, section 3).
 """
 
@@ -55,7 +55,7 @@ class Equations:
 
     factors: Array  # shape (blocks, n, K + P + 1, K + P + 1); the last column belongs to tau
     rows: Array  # number of equations that each stands for, shape (blocks, n)
-    instruments: int = 0  # number K of columns before those of Y
+    instruments: int = 0  # number K of columns before the columns of Y
 
     @property
     def joints(self) -> int:
@@ -113,7 +113,7 @@ class Equations:
         return np.asarray(np.sqrt(self.torques() / np.maximum(self.rows.sum(0), 1)))
 
     def weighted(self, sigma: Array) -> Array:
-        """Triangular factor of the equations to be solved: of all joints, those of joint j over sigma[j]."""
+        """Triangular factor of the equations of all joints to be solved, of joint j divided by sigma[j]."""
         return in_space_of_instruments(self._stacked(sigma), self.instruments)
 
     def _stacked(self, sigma: Array) -> Array:
@@ -121,7 +121,7 @@ class Equations:
         return triangular(scaled.reshape(-1, scaled.shape[-1]))
 
     def predicted(self, sigma: Array) -> Array:
-        """Y of each joint over sigma[j], or its part in the space of the instruments, of equations in one block."""
+        """Y of each joint j over sigma[j], or its projection on the space of the instruments; for a single block."""
         scaled, K = self.factors[0] / sigma[:, None, None], self.instruments
         if not K:
             return np.asarray(scaled[..., :-1])
@@ -217,13 +217,13 @@ class RegressionData:
     Attributes
     ----------
     names : tuple of str
-        Of the records.
+        Names of the records.
     prepared : tuple of Prepared
         The records after the filter.
     delays : ndarray, shape (records, n)
-        By which torques were measured later than positions [s].
+        Delays of the measured torques after the positions [s].
     minimum_velocity : ndarray, shape (n,)
-        Of equations that are fitted; infinite for a joint that does not move [rad/s or m/s].
+        Smallest velocity of fitted equations; infinite for a joint that does not move [rad/s or m/s].
     notes : tuple of str
         On joints that do not move, or leave their limits, or have no torque.
     Y : ndarray, shape (rows, n, P)

@@ -173,7 +173,7 @@ class Estimator(NamedTuple):
     """Estimator of parameters from equations: base parameters by least squares, standard ones by the consistent fit."""
 
     base: BaseParameters
-    prior: Array | None  # pseudo-inertias, shape (nb, 4, 4); None for least squares alone
+    prior: Array | None  # pseudo-inertias, shape (nb, 4, 4); None for least squares only
     weight: float  # of the divergence from the prior
     others: Array | None = None  # standard parameters in addition to E beta, by default those of the model
     noise: Array | None = None  # of each joint, by default from its residual

@@ -129,7 +129,7 @@ class MotionFit(Archived, InNotebooks):
 
     @property
     def determined(self) -> Array:
-        """False for entries not determined by the log but by the allowed spread."""
+        """False for entries that the allowed spread determines, not the log."""
         return self.certainty.determined
 
     @cached_property
@@ -517,7 +517,7 @@ def rounding(scene: Scene, records: Sequence[Record]) -> Array:
 
 
 def resolution(problem: OutputError, z: Array, least: Array) -> Array:
-    """Standard deviation of the white part of the residuals, by third differences; at least that of rounding."""
+    """Standard deviation of the white part of the residuals, by third differences, at least that due to rounding."""
     each = [np.diff(q - shot.q, 3, axis=0) for shot, q in zip(problem.shots, problem.positions(z), strict=True)]
     with np.errstate(all="ignore"):
         white = np.sqrt(np.nanmean(np.concatenate(each) ** 2, axis=0) / 20)

@@ -115,7 +115,7 @@ class OutputError:
     unknowns: Unknowns
     records: Sequence[Record]
     shots: Sequence[Shot]
-    sigma: Array  # (n,), standard deviations of what is measured [rad or m]
+    sigma: Array  # (n,), standard deviations of measured positions [rad or m]
     step: float  # [s]
     told: Callable[[float], object] | None = None  # called with the rms residual of each iteration, in sigma
     traced: dict[int, CommandedMotion] = field(default_factory=dict, repr=False)  # one of each record
@@ -186,7 +186,7 @@ class OutputError:
         return np.asarray(np.isfinite(np.concatenate([shot.q for shot in self.shots])))
 
     def correlation_times(self, rows: Array) -> Array:
-        """Integrated autocorrelation times of residual rows in samples, (n,), without those of z."""
+        """Integrated autocorrelation times of the residuals of positions, in samples, (n,)."""
         values, ends = np.zeros(self.measured.shape), np.cumsum([0, *(len(shot.t) for shot in self.shots)]).tolist()
         values[self.measured] = rows
         return correlation_time_of_residuals(values, self.measured, [slice(a, b) for a, b in pairwise(ends)])
