@@ -11,7 +11,7 @@ import pytest
 
 import rne
 from rne.commands.oracle import Oracle, each
-from rne.kernels.numpy_backend import BlockProgram
+from rne.kernels import kernel as kernel_module
 from rne.model.builder import Mimic, Part, assemble, pose
 from rne.urdf.loading import urdf_files
 
@@ -26,6 +26,7 @@ __all__ = [
     "Part",
     "archived",
     "assemble",
+    "complex_steps",
     "cross_matrix",
     "data_robots",
     "each",
@@ -135,9 +136,23 @@ def first_joints(n=3):
     return loaded("irb140").locked({f"joint_{k}": 0.3 for k in range(n + 1, 7)})
 
 
+def complex_steps(function, model, arguments, wrt, external=()):
+    """Derivatives of a function of rne.dynamics by complex steps, exact to rounding; wrenches are the last arguments."""
+    count = len(function.quantity.widths)
+    names, columns = [*function.quantity.widths, *(f"external_{k + 1}" for k in range(len(external)))], []
+    for k in map(names.index, wrt):
+        moved = [a[:, None] for a in arguments]
+        moved[k] = moved[k] + 1e-30j * np.eye(arguments[k].shape[-1])
+        wrenches = {"external": dict(zip(external, moved[count:], strict=True))} if external else {}
+        result, _ = function.evaluate(model, *moved[:count], **wrenches)
+        columns.append(np.moveaxis(result.imag / 1e-30, 1, -1))
+    return np.concatenate(columns, axis=-1)
+
+
 def address_by_numpy(kernel, count=1, common=True):
     """In place of `Kernel.address`, for texts of loops that Python runs: the program on `count` states side by side."""
-    program = BlockProgram(kernel.traced)
+    _, block_program = kernel_module.backends("numpy")
+    program = block_program(kernel.traced)
 
     def function(*arguments):
         *given, numbers, out = arguments

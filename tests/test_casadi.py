@@ -8,7 +8,7 @@ import pytest
 
 import rne
 from rne.graph.program import ON_ARRAYS, Instruction, Operand, Program, evaluate
-from rne.kernels.exports.casadi import to_casadi
+from rne.kernels import Kernel
 from rne.kernels.soundness import Trace
 
 from .helpers import EPS, kept, loaded
@@ -135,8 +135,9 @@ def test_every_operation_is_that_of_the_arrays():
         inputs = states[:, :count] if kind != "sqrt" else np.abs(states[:, :1])
         if kind == "divide":
             inputs = inputs[inputs[:, 1] != 0]
-        kernel = SimpleNamespace(names=("x",), widths=(count,), order="values", printable=Trace(program, (count,), ()))
-        found = to_casadi(kernel, kind).map(len(inputs))(inputs.T).full().T
+        traced = Trace(program, (count,), ())
+        kernel = SimpleNamespace(names=("x",), widths=(count,), order="values", printable=traced, _title=kind)
+        found = Kernel.to_casadi(kernel, kind).map(len(inputs))(inputs.T).full().T
         np.testing.assert_allclose(found, evaluate(program, 1, inputs), rtol=2 * EPS, atol=2 * EPS, err_msg=kind)
 
 

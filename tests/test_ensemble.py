@@ -14,7 +14,6 @@ import rne
 from rne.elementwise import less
 from rne.integrators import lanes, rows, step_control, tableaus
 from rne.kernels import Kernel
-from rne.kernels.numpy_backend import BlockProgram
 from rne.simulation import ensembles
 
 from .helpers import address_by_numpy, kept, loaded, states
@@ -230,7 +229,7 @@ def test_a_state_that_must_be_examined_changes_no_other(chain, starts):
 
 
 def test_soundness_is_told_state_by_state(chain):
-    program, x = BlockProgram(rne.Scene(chain).kernel.traced), np.full((5, 4), 0.1)
+    program, x = rne.Scene(chain).kernel.blocks, np.full((5, 4), 0.1)
     x[1, 2], x[3, 0] = 1e9, np.nan
     found = np.zeros((5, 4))
     assert program.sound([np.zeros((5, 1)), x], found).tolist() == [True, False, True, False, True]

@@ -6,6 +6,7 @@ import contextlib
 import functools
 import importlib.util
 import itertools
+import platform
 import re
 import shutil
 import subprocess
@@ -22,7 +23,6 @@ import pytest
 import rne
 from rne.__main__ import main
 from rne.basics.marks import is_marked
-from rne.kernels.exports.fmu import this_machine
 from rne.simulation.fmu_model import SceneUnit
 from rne.simulation.named_numbers import NamedNumbers
 
@@ -31,7 +31,8 @@ long = pytest.mark.long
 MINUTE = 1e-12  # of a state's size, the tolerance that steps are controlled with
 SAME = 1e-9  # between two methods of order 8 at that tolerance, over 2 s of arms that fall
 ROBOTS = ("irb140", "ur5", "panda", "so101")
-HERE = (this_machine(),)
+MACHINE = platform.machine().lower().replace("amd64", "x86_64").replace("arm64", "aarch64")
+HERE = (f"{MACHINE}-{sys.platform.replace('win32', 'windows')}",)
 
 
 def arm(name):

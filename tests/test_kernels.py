@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 import rne
 from rne.graph.graph import Graph
 from rne.graph.program import lower
-from rne.graph.scalar import Scalar, inputs, references
+from rne.graph.scalar import inputs, references
 from rne.kernels import numpy_backend
 from rne.kernels import trace as trace_module
-from rne.kernels.python_backend import expressions, state_function
+from rne.kernels.python_backend import state_function
 from rne.kernels.soundness import Trace
 
 from .conftest import TREES
@@ -444,19 +444,20 @@ class TestRandomGraphs:
 @pytest.mark.parametrize(("nested", "lines"), [(11, 0), (12, 1), (23, 1), (24, 2)])
 def test_expressions_of_one_state_are_cut_where_they_are_nested_deeply(nested, lines):
     """A parser takes a hundred parentheses or so; here every twelfth operation is a line of its own."""
-    graph = Graph()
-    (x,) = inputs(graph, (1,), 0)
-    for _ in range(nested):
-        x = x.sin()
-    assert len(expressions(lower(graph, references(graph, objects([x])), 1))[0]) == lines
+
+    @rne.traceable
+    def sines(q):
+        for _ in range(nested):
+            q = np.sin(q)
+        return q
+
+    text = rne.compile(sines, straight_chain(1)).source("python")
+    assert len(re.findall(r"^    t\d+ = ", text, re.MULTILINE)) == lines
 
 
 def test_a_result_that_another_one_reads_too_is_written_once():
-    graph = Graph()
-    (x,) = inputs(graph, (1,), 0)
-    sine = x.sin()
-    lines, outputs = expressions(lower(graph, references(graph, objects([sine, sine * x])), 1))
-    assert "".join([*lines, *outputs]).count("sin(") == 1
+    function = rne.traceable(lambda q: np.concatenate([np.sin(q), np.sin(q) * q]))
+    assert rne.compile(function, straight_chain(1)).source("python").count("sin(") == 1
 
 
 class TestRegisters:
@@ -545,7 +546,7 @@ class TestScalars:
         """The pairs are one operation, so that none is spent twice; ref is the number of an operation and its sign."""
         graph = Graph()
         x, y, c = inputs(graph, (3,), 0)
-        one, two = (Scalar(graph, graph.constant(value)) for value in (1.0, 2.0))
+        one, two = (x**0 * value for value in (1.0, 2.0))
         for left, right in [
             (x - y, -(y - x)),
             (-x - y, -(x + y)),

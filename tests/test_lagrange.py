@@ -9,10 +9,9 @@ import pytest
 
 import rne
 from examples.thesis.formulations import irb140_mirrored
-from rne.kernels.trace import by_recursion
 
 from .conftest import TREES
-from .helpers import EPS, Part, assemble, kept, relative, states
+from .helpers import EPS, Part, assemble, complex_steps, kept, relative, states
 from .random_robots import random_tree
 
 LAW = 1e-12  # of the largest entry: thousands of roundings, which sums over n^4 products may need
@@ -88,7 +87,7 @@ def test_gravity_is_that_of_the_recursion(arm):
 
 def test_christoffel_symbols_are_made_of_the_derivatives_of_M(arm):
     q = states(arm.n, 10)[0]
-    dM, _ = by_recursion(rne.dynamics.mass_matrix, arm, [q], ["q"], {})  # [s, i, j, k] = dM_ij / dq_k
+    dM = complex_steps(rne.dynamics.mass_matrix, arm, [q], ["q"])  # [s, i, j, k] = dM_ij / dq_k
     expected = (np.einsum("skji->sijk", dM) + np.einsum("skij->sijk", dM) - dM) / 2
     assert np.abs(rne.dynamics.christoffel_symbols(arm, q) - expected).max() <= LAW * size(arm, q)
 

@@ -131,10 +131,10 @@ def test_in_registers_of_numpy(many):
 
 def test_in_machine_code(many):
     pytest.importorskip("llvmlite", reason="Numba is not installed")
-    from rne.kernels.llvm_backend import lanes_library
+    from rne.kernels import llvm_backend
 
     trace, expected = many
-    library = lanes_library(trace, 1)
+    library = llvm_backend.lanes_library(trace, 1)
     function = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)(library.address["function"])
     found = np.empty(expected.shape)
     for x, row in zip(POINTS, found, strict=True):

@@ -13,8 +13,7 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 import rne
 from rne.integrators import compiled_methods, lanes
 from rne.kernels import Kernel
-from rne.kernels.numpy_backend import BlockProgram
-from rne.kernels.python_backend import state_function
+from rne.kernels import kernel as kernel_module
 from rne.simulation import run
 from rne.trajectories import sampled, spline
 
@@ -248,7 +247,8 @@ def side_by_side(request, monkeypatch):
     if request.param == "text":
         monkeypatch.setattr(lanes, "compiled", lambda text: text)
         monkeypatch.setattr(Kernel, "address", address_by_numpy)
-        monkeypatch.setattr("rne.kernels.kernel.backends", lambda engine: (state_function, BlockProgram))
+        of_numpy = kernel_module.backends("numpy")
+        monkeypatch.setattr(kernel_module, "backends", lambda engine: of_numpy)
         monkeypatch.setattr(Kernel, "fast_call", property(lambda kernel: lambda *_: None))
         monkeypatch.setattr(rne.Scene, "traced_samples", property(lambda s: s._law if s.sample_time else None))
     return rne.Robot(straight_chain(2), "numba")
