@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import rne
-from rne.graph.program import Instruction, Operand, Program, divided, evaluate, with_scalars
+from rne.graph.program import Instruction, Operand, Program, evaluate
 from rne.kernels import kernel as kernels
 from rne.kernels import trace as tracing
+from rne.kernels.soundness import Trace
 
 from .helpers import kept, relative
 from .random_robots import random_tree, straight_chain
@@ -709,15 +710,13 @@ def test_divided_programs_are_the_undivided_ones(count):
         rng = np.random.default_rng(seed)
         program, first = random_program(rng, 9, 40), int(rng.integers(0, 6))
         given = rng.uniform(-1, 1, (5, 9))
-        of_numbers, rest = divided(program, first, 3)
+        found = Trace(program, (first, 3, 6 - first), (6,), of_run=1).divided()
+        of_numbers, rest = found.of_numbers, found.program
+        assert found.widths == (first, len(of_numbers.outputs), 6 - first)
         coefficients = evaluate(of_numbers, len(of_numbers.outputs), given[:, first : first + 3])
         inputs = np.concatenate([given[:, :first], coefficients, given[:, first + 3 :]], axis=1)
         np.testing.assert_array_equal(evaluate(rest, 6, inputs), evaluate(program, 6, given))
         assert len(of_numbers.instructions) + len(rest.instructions) == len(program.instructions)
-        scalars = with_scalars(rest, first, len(of_numbers.outputs))
-        assert scalars.inputs == 6
-        used = {arg for instruction in scalars.instructions for arg in instruction.args} | {*scalars.outputs}
-        assert all(arg.value < scalars.inputs for arg in used if arg.kind == "input")
 
 
 def random_scene(seed, engine="numpy"):

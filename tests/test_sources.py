@@ -14,14 +14,14 @@ import pytest
 import rne
 from rne.__main__ import main
 from rne.graph.graph import Graph
-from rne.graph.program import Instruction, Operand, Program, lower
+from rne.graph.program import lower
 from rne.graph.scalar import inputs, references
 from rne.kernels.soundness import Trace
-from rne.kernels.source import Printable, harmless, most_alive, to_source
+from rne.kernels.source import Printable, to_source
 
 from .compiled_sources import ARMS, TREES, c_library, call, check_all, kernels, model_of, rust_library
 from .helpers import kept, states
-from .random_robots import random_tree
+from .random_robots import random_tree, straight_chain
 
 SAME = 1e-13  # of the largest entry: another order of a few operations
 LANGUAGES = ("python", "numpy", "matlab", "c", "c++", "rust")
@@ -274,7 +274,7 @@ def test_heading_names_robot_joints_and_units(irb140):
 def test_heading_of_c_says_what_a_worst_case_needs(irb140):
     """No loop and no branch: the operations are those of every call. Values of single precision take half the bytes."""
     kernel = irb140.kernel(rne.dynamics.inverse_dynamics)
-    stated = [["No loop, no allocation, no branch", f"Stack - 51 values at once at most in this order, {size} bytes, besides saved registers"]
+    stated = [["No loop, no allocation, no branch", f"Stack - 51 values at once at most in this order, {size} bytes, and saved registers"]
               for size in (408, 204)]  # fmt: skip
     for dtype, expected in zip(("float64", "float32"), stated, strict=True):
         for language, around in {"c": "/* {} */", "rust": "// {}"}.items():
@@ -283,17 +283,19 @@ def test_heading_of_c_says_what_a_worst_case_needs(irb140):
 
 
 def test_values_are_kept_from_their_instruction_to_their_last_reader():
-    x, a, b, c = (Operand("input", 0), *(Operand("result", k) for k in range(3)))
-    steps = Instruction("sin", (x,)), Instruction("cos", (x,)), Instruction("add", (a, b))
-    assert most_alive(Program(steps, (c,), 1)) == 2  # the sum takes a place of its operands
-    assert most_alive(Program(steps, (a, c), 1)) == 2
-    assert most_alive(Program(steps, (a, b, c), 1)) == 3
-    assert most_alive(Program((), (x,), 1)) == 0
+    def most_alive(function):
+        text = rne.compile(rne.traceable(lambda q: np.concatenate(function(q))), straight_chain(1)).source("c")
+        return int(re.search(r"Stack - (\d+) values", text)[1])
+
+    assert most_alive(lambda q: [np.sin(q) + np.cos(q)]) == 2  # the sum takes a place of its operands
+    assert most_alive(lambda q: [np.sin(q), np.sin(q) + np.cos(q)]) == 2
+    assert most_alive(lambda q: [np.sin(q), np.cos(q), np.sin(q) + np.cos(q)]) == 3
+    assert most_alive(lambda q: [q]) == 0
 
 
 def test_heading_of_choices_names_them(every_operation):
     printed, _, _ = every_operation
-    assert "No loop, no allocation, choices in minimum, maximum, sign, less, less_equal, where alone" in printed("c")
+    assert "No loop, no allocation, only choices in minimum, maximum, sign, less, less_equal, where" in printed("c")
 
 
 def test_operations_that_only_the_check_of_m_needs_are_not_printed():
@@ -411,10 +413,12 @@ def test_printed_python_needs_nothing_of_this_package(irb140, tmp_path):
     assert float(run.stdout) == pytest.approx(irb140.gravity_torque(np.zeros(6))[1])
 
 
-def test_names_are_cut_and_their_other_characters_written_as_numbers():
-    assert harmless("a" * 61) == "a" * 60
-    assert harmless("wrist_1.0 + x-y") == "wrist_1.0 + x-y"
-    assert harmless('*/ "é\n') == "<U+002A><U+002F> <U+0022><U+00E9><U+000A>"
+def test_names_are_cut_and_their_other_characters_written_as_numbers(irb140):
+    names = {"a" * 61: "a" * 60, "wrist_1.0 + x-y": "wrist_1.0 + x-y"}
+    names['*/ "é\n'] = "<U+002A><U+002F> <U+0022><U+00E9><U+000A>"
+    for name, printed in names.items():
+        text = rne.compile(rne.dynamics.gravity_torque, replace(irb140.model, name=name)).source("python")
+        assert text.splitlines()[0] == f"# gravity_torque of robot {printed}"
 
 
 NAMED = (

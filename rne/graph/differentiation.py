@@ -1,12 +1,12 @@
 """Derivatives of a graph's outputs, as further operations: forwards, backwards, and both for the second order.
 
 Each operation has one rule for each operand: a function, linear in a derivative, that carries it through the operation.
-Forwards (Jacobians) a derivative goes from an operand to the result, and those of all operands are summed; backwards
-(gradients of a weighted sum of the outputs) from the result to an operand. See Griewank and Walther 2008, chapter 3.
+Forwards (Jacobians), derivatives go from the operands to the result, and are summed; backwards (gradients of a weighted
+sum of the outputs) from the result to each operand. See Griewank and Walther 2008, chapter 3.
 
-At a jump the derivative is that of one side: minimum and maximum of equal operands have that of the constant if one is
-constant, of the one traced later otherwise; abs and sign have 0 at 0. What `where` does not take contributes nothing,
-even if its own derivative is infinite.
+At a kink the derivative of one side is taken: for minimum and maximum of equal operands, of the constant one if there
+is one, otherwise of the one traced later; abs and sign have derivative 0 at 0. What `where` does not take contributes
+nothing, even if its derivative is infinite.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Order(NamedTuple):
     """Order of differentiation of a kernel: values, or derivatives of some kind."""
 
     title: str  # "" for the values and the Jacobian, which are named by the function
-    inputs: tuple[str, ...] = ()  # behind those of the function
+    inputs: tuple[str, ...] = ()  # after the function's own
     axes: int = 0  # of the result that belong to the arguments to differentiate by
     digits: float = 0.0  # decimal digits that it loses beyond those that the function does, at most, as measured
 
@@ -86,10 +86,10 @@ def _choice(g: Graph, index: int) -> tuple[int, int, int] | None:
 
 
 def differentiate(graph: Graph, order: str, outputs: Sequence[int], by: Sequence[int], first: int) -> list[int]:
-    """References of derivatives of the outputs, an order of ORDERS, by the inputs of numbers `by`, entry by entry.
+    """References of derivatives of the outputs, of an order in ORDERS, with respect to the inputs `by`.
 
-    `first` is the number of the first input behind the function's own: of the weights, one for each output, which the
-    vector follows, one for each of `by`.
+    `first` is the number of the first input after the function's own: weights, one for each output, then the vector,
+    one entry for each of `by`.
     """
     one, sweeps = graph.constant(1.0), Sweeps(graph)
     if order == "jacobian":
@@ -107,14 +107,14 @@ def differentiate(graph: Graph, order: str, outputs: Sequence[int], by: Sequence
 
 
 class _SystemNodes(NamedTuple):
-    """Solved linear system with references of x and r(x); r(x) consists of its own nodes, behind x."""
+    """Solved linear system with references of x and r(x); r(x) has separate nodes, after x."""
 
     solve: Callable[[Any], Any]
     product: Callable[[Any], Any]
     x: list[int]
     residual: list[int]
     nodes: list[int]  # between x and r(x), in order
-    before: list[int]  # nodes in front of x that r(x) is made of
+    before: list[int]  # nodes before x that r(x) is made of
 
     @property
     def first(self) -> int:
@@ -125,9 +125,10 @@ class _SystemNodes(NamedTuple):
 class Sweeps:
     """Sweeps through a graph, forwards and backwards.
 
-    No derivative goes through the solution of a linear system. A solution x of r(x) = 0 changes by -M^-1 dr at constant
-    x, and the derivatives by r are -M^-1 (those by x). With r = M qdd + h - tau by a recursion few digits are lost:
-    through the factors of M, or its entries, twice as many would be, as large terms cancel where M is nearly singular.
+    The solution x of a linear system r(x) = 0 is not differentiated through its factors: it changes by -M^-1 dr at
+    constant x, and derivatives with respect to r are -M^-1 times those with respect to x. With r = M qdd + h - tau by a
+    recursion few digits are lost; through the factors of M, or its entries, twice as many would be, as large terms
+    cancel where M is nearly singular.
     """
 
     def __init__(self, graph: Graph) -> None:
@@ -163,7 +164,7 @@ class Sweeps:
         return found
 
     def _of(self, ref: int, changes: Mapping[int, _Change]) -> int:
-        """Derivative of a reference from that of its node."""
+        """Derivative of a reference from its node's."""
         return _signed(self.graph, ref, changes[ref >> 1][0]) if ref >> 1 in changes else self.zero
 
     def _moves(self, refs: Sequence[int], changes: Mapping[int, _Change]) -> int:
@@ -236,7 +237,7 @@ class _Slopes:
         self.taken: dict[int, int] = {}  # of each of these nodes: 1 if some output takes it, 0 if `where` takes others
 
     def give(self, ref: int, slope: int, is_taken: int) -> None:
-        """Add a derivative to that of a reference's node."""
+        """Add to the derivative of a reference's node."""
         g, k = self.graph, ref >> 1
         if g.nodes[k].kind == "constant" or g.value(slope) == 0:
             return
@@ -265,7 +266,7 @@ class _Slopes:
 def _nodes_of(g: Graph, system: LinearSystem) -> _SystemNodes | None:
     """Nodes of a linear system; None where entries of x are constant, one expression, or operands of r.
 
-    r is made of inputs in place of x, so that no operation of r is combined with those of x, as 2 (u / 2) to u.
+    r is made of inputs instead of x, so that no operation of r is combined with one of x, as 2 (u / 2) to u.
     """
     x = references(g, system.x)
     own = {ref >> 1 for ref in x}
@@ -285,17 +286,17 @@ def _nodes_of(g: Graph, system: LinearSystem) -> _SystemNodes | None:
             place[k] = g.repeated(k, [moved(ref) for ref in g.nodes[k].args])
     residual = [moved(ref) for ref in residual]
 
-    def behind(index: int) -> list[int]:
+    def after(index: int) -> list[int]:
         return g.arguments(index) if index > first and index not in own else []
 
-    nodes = sorted(g.needed(residual, behind))
+    nodes = sorted(g.needed(residual, after))
     read = {k for index in nodes for k in g.arguments(index)} | {ref >> 1 for ref in residual}
     before = sorted(k for k in read if k < first and g.value(2 * k) is None)
     return _SystemNodes(system.solve, system.product, x, residual, nodes, before)
 
 
 def _signed(g: Graph, ref: int, slope: int) -> int:
-    """Derivative of a reference from that of its node, or the other way around."""
+    """Derivative of a reference from its node's, or the other way around."""
     return g.negate(slope) if ref & 1 else slope
 
 
@@ -305,7 +306,7 @@ def _row(g: Graph, refs: Sequence[int]) -> Any:
 
 
 def _forward(g: Graph, index: int, of: Callable[[int], int]) -> int:
-    """Derivative of an operation from those of its operands."""
+    """Derivative of an operation from its operands'."""
     kind, args = g.nodes[index]
     if kind in FLAT:
         return g.constant(0.0)
@@ -347,7 +348,7 @@ def _with_slope(kind: str, slopes: tuple[bool, ...], moves: tuple[bool, ...]) ->
 def accumulated(program: Program, entries: int, inputs: Array, by: Sequence[int]) -> Array:
     """Jacobian of a program's first outputs, (states, entries, k), for inputs (states, width) of any number type.
 
-    Forwards along all inputs `by` at once, each operation by itself: for programs too large to be differentiated.
+    Forwards along all inputs `by` at once, operation by operation, for programs too large to be differentiated.
     """
     slopes = np.zeros((len(inputs), entries, len(by)), dtype=inputs.dtype)
     units, results = dict(zip(by, np.eye(len(by), dtype=inputs.dtype)[..., None], strict=True)), list[Any]()

@@ -3,13 +3,13 @@
 A reference is a signed node: 2 * node + 1 denotes its negative. Signs move outwards through products, sums and odd
 functions, so that x - y and y - x are one node and no operation is spent on them. Folding changes a result in its last
 digits at most: nothing is rewritten that could cancel or divide by zero where the original would not. Where a product
-of constants and inputs comes to overflow, the recursion computes the state.
+of constants and inputs overflows, the recursion computes the state.
 
 Inputs are finite, and products and sums of them are taken to be. Then 0 x is 0, but not for an x that may be infinite
 or NaN otherwise: a root, an exponential, a quotient whose divisor may be 0, or a constant that is not finite. Pivots of
-M are not 0, and what couplings give is finite, since both are checked; but which divisors are pivots is known only when
-all is traced. So a first graph folds all zeros and notes what that rests on; if some of it is unsound, a second one is
-made that knows the pivots.
+M are not 0, and results of couplings are finite, since both are checked; but which divisors are pivots is known only
+after tracing. So a first graph folds all zeros and notes the assumptions; if one does not hold, a second graph is made,
+which knows the pivots.
 """
 
 from __future__ import annotations

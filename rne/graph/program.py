@@ -34,9 +34,9 @@ BLOCK = 256  # states evaluated at once where every result is kept
 
 
 class Operand(NamedTuple):
-    """Operand: an input, a constant, a number of a table or of a run, or the result of instruction k."""
+    """Operand: an input, a constant, a number of a table, or the result of instruction k."""
 
-    kind: str  # "input", "constant", "table", "number" (of a run), "result"
+    kind: str  # "input", "constant", "table", "result"
     value: float | int
 
 
@@ -114,21 +114,28 @@ def with_table(program: Program) -> tuple[Program, list[float]]:
     """Program with its constants other than 0, 1 and -1 in a table: those that differ only in these are equal."""
     table: list[float] = []
 
-    def place(args: tuple[Operand, ...]) -> tuple[Operand, ...]:
-        return tuple(map(moved, args))
-
-    def moved(arg: Operand) -> Operand:
+    def place(arg: Operand) -> Operand:
         if arg.kind != "constant" or arg.value in (0, 1, -1):
             return arg
         table.append(arg.value)
         return Operand("table", len(table) - 1)
 
-    instructions = tuple(Instruction(kind, place(args)) for kind, args in program.instructions)
-    return Program(instructions, place(program.outputs), program.inputs), table
+    return _replaced(program.instructions, program.outputs, program.inputs, place), table
+
+
+def _replaced(
+    instructions: Iterable[Instruction],
+    outputs: Iterable[Operand],
+    inputs: int,
+    place: Callable[[Operand], Operand],
+) -> Program:
+    """Program of instructions and outputs with other operands."""
+    placed = tuple(Instruction(kind, tuple(map(place, args))) for kind, args in instructions)
+    return Program(placed, tuple(map(place, outputs)), inputs)
 
 
 def divided(program: Program, first: int, count: int) -> tuple[Program, Program]:
-    """Program of what depends on some inputs alone, and the rest, which takes its results as inputs.
+    """Program of what depends only on some inputs, and the rest, which takes its results as inputs.
 
     Those inputs, `count` from the `first` on, are numbers that stay the same while the rest is evaluated many times.
     """
@@ -145,43 +152,22 @@ def divided(program: Program, first: int, count: int) -> tuple[Program, Program]
     place |= {arg: Operand("input", first + k) for k, arg in enumerate(handed)}
     for k in range(first + count, program.inputs):
         place[Operand("input", k)] = Operand("input", k - count + len(handed))
-
-    def moved(args: Iterable[Operand], to: Mapping[Operand, Operand]) -> tuple[Operand, ...]:
-        return tuple(to.get(arg, arg) for arg in args)
-
-    of_numbers, rest = (
-        tuple(Instruction(kind, moved(args, to)) for kind, args in some)
-        for some, to in zip(kept, (fixed, place), strict=True)
-    )
-    constants = Program(of_numbers, moved(handed, fixed), count)
-    return constants, Program(rest, moved(program.outputs, place), program.inputs - count + len(handed))
+    of_numbers = _replaced(kept[0], handed, count, lambda arg: fixed.get(arg, arg))
+    inputs = program.inputs - count + len(handed)
+    return of_numbers, _replaced(kept[1], program.outputs, inputs, lambda arg: place.get(arg, arg))
 
 
 def without_judged(program: Program, entries: int) -> Program:
-    """Program of the first outputs alone, which are the result."""
-    outputs, place, kept = program.outputs[:entries], dict[Operand, Operand](), list[Instruction]()
-    needed = set(outputs)
-    for k, instruction in reversed([*enumerate(program.instructions)]):
-        needed |= {*instruction.args} if Operand("result", k) in needed else set()
-    for k, (kind, args) in enumerate(program.instructions):
+    """Program of the first outputs only, which are the result."""
+    needed, kept = {*program.outputs[:entries]}, list[int]()
+    for k in reversed(range(len(program.instructions))):
         if Operand("result", k) in needed:
-            place[Operand("result", k)] = Operand("result", len(kept))
-            kept.append(Instruction(kind, tuple(place.get(arg, arg) for arg in args)))
-    return Program(tuple(kept), tuple(place.get(arg, arg) for arg in outputs), program.inputs)
-
-
-def with_scalars(program: Program, first: int, count: int) -> Program:
-    """Program with some inputs as operands of kind "number", common to all states."""
-    numbers = range(first, first + count)
-
-    def moved(arg: Operand) -> Operand:
-        if arg.kind != "input" or arg.value < first:
-            return arg
-        k = int(arg.value)
-        return Operand("number", k - first) if k in numbers else Operand("input", k - count)
-
-    instructions = tuple(Instruction(kind, tuple(map(moved, args))) for kind, args in program.instructions)
-    return Program(instructions, tuple(map(moved, program.outputs)), program.inputs - count)
+            needed |= {*program.instructions[k].args}
+            kept.append(k)
+    kept.reverse()
+    place = {Operand("result", k): Operand("result", new) for new, k in enumerate(kept)}
+    instructions = [program.instructions[k] for k in kept]
+    return _replaced(instructions, program.outputs[:entries], program.inputs, lambda arg: place.get(arg, arg))
 
 
 def lower(graph: Graph, outputs: list[int], inputs: int) -> Program:

@@ -126,7 +126,7 @@ class Scalar:
 
     def __getattr__(self, name: str) -> Any:
         raise AttributeError(
-            f"a traced number has no {name!r}, but NumPy's sin, cos, sqrt and those of rne.elementwise"
+            f"a traced number has no {name!r}, only NumPy's sin, cos, sqrt and rne.elementwise's functions"
         )
 
     def __repr__(self) -> str:
@@ -155,7 +155,7 @@ def _in_double(x: Any) -> Any:
 
 
 def inputs(graph: Graph, shape: tuple[int, ...], start: int, *of: Any) -> Array:
-    """Object array of traced inputs, numbered from `start`, perhaps `of` something that they are named by."""
+    """Object array of traced inputs, numbered from `start`; of an outline, results `of` a kernel."""
     numbered = [Scalar(graph, graph.node("input", start + k, *of)) for k in range(math.prod(shape))]
     return np.array(numbered, dtype=object).reshape(shape)
 

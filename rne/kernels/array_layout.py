@@ -1,7 +1,6 @@
 """Memory layout of arrays and tuples, and a check of it in this process.
 
-Machine code reads them behind the head that all of Python's objects have (numpy/ndarraytypes.h,
-PyArrayObject_fields).
+Machine code reads them after the head that all Python objects have (numpy/ndarraytypes.h, PyArrayObject_fields).
 """
 
 from __future__ import annotations

@@ -22,13 +22,13 @@ from llvmlite import ir
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK, PrecisionStatus
 from ..graph.program import with_table
-from .machine_code import NUMBERS, Emitter
+from .machine_code import NUMBERS, Emitter, shuffled
 from .object_code import REGISTER_BITS, Library, library
 from .python_calls import BYTES, FLOAT64, INTEGER, emit_into, emit_rows_call, emit_state_call, python_function
-from .soundness import NeedsRecursion, Recursion, Trace
+from .soundness import Conditions, NeedsRecursion, Recursion, Trace
 
 LOGGER = logging.getLogger("rne")
-LOCK = threading.Lock()  # of the compilation of batches: threads of an ensemble may ask for the same one
+LOCK = threading.Lock()  # for compilations of batches: threads of an ensemble may need the same one
 SLOW = 1.0  # duration of a compilation that is logged afterwards [s]
 LONG = 5000  # operations of a program whose compilation is announced
 FEW, MANY = 16, 1024  # fewest and most states that the recursion examines together
@@ -52,15 +52,12 @@ class Inputs:
 def emit_group(
     emitter: Emitter, trace: Trace, loads: Sequence[Callable[[], ir.Value]], store: Callable[[list[ir.Value]], None]
 ) -> ir.Value:
-    """The program on the states in the lanes; a number with one bit for each lane, set where its results are sound.
-
-    Results are stored before it is known whether they are sound; those that are not are computed anew.
-    """
-    inputs = Inputs(loads)
-    conditions = trace.sound_inputs(inputs, emitter.dtype, emitter)
+    """Emit the program on the states in the lanes; returns one bit per lane, set where its results are sound."""
+    inputs, write = Inputs(loads), Conditions(emitter.finite, emitter.within, emitter.above)
+    conditions = trace.sound_inputs(inputs, emitter.dtype, write)
     outputs = emitter.outputs(trace.program, inputs)
-    store(outputs[: trace.entries])
-    return emitter.lanes_of(conditions + trace.sound_results(outputs, emitter.dtype, emitter))
+    store(outputs[: trace.entries])  # also those that are not sound, which are computed anew
+    return emitter.lanes_of(conditions + trace.sound_results(outputs, emitter.dtype, write))
 
 
 def emit_plain(module: ir.Module, trace: Trace, lanes: int, *, common: bool = False) -> ir.Function:
@@ -75,11 +72,11 @@ def emit_plain(module: ir.Module, trace: Trace, lanes: int, *, common: bool = Fa
     emitter = Emitter(builder, "float64", lanes)
 
     def place(array: ir.Value, k: int) -> ir.Value:
-        return builder.bitcast(builder.gep(array, [ir.Constant(INTEGER, k * lanes)]), emitter.type.as_pointer())
+        return builder.bitcast(builder.gep(array, [INTEGER(k * lanes)]), emitter.type.as_pointer())
 
     def load(array: ir.Value, k: int, *, repeated: bool = False) -> Callable[[], ir.Value]:
         if repeated:
-            return lambda: emitter.repeated(builder.gep(array, [ir.Constant(INTEGER, k)]))
+            return lambda: emitter.repeated(builder.gep(array, [INTEGER(k)]))
         return lambda: builder.load(place(array, k), align=1)
 
     def store(values: list[ir.Value]) -> None:
@@ -99,14 +96,15 @@ def emit_plain(module: ir.Module, trace: Trace, lanes: int, *, common: bool = Fa
 
 
 class Rows:
-    """Rows of a row-major array, one for each lane, by their addresses."""
+    """Rows of a row-major array, one for each lane, at offsets from the first one in bytes."""
 
-    def __init__(self, emitter: Emitter, addresses: Sequence[ir.Value], width: int) -> None:
-        self.emitter, self.addresses, self.width = emitter, addresses, width
+    def __init__(self, emitter: Emitter, first: ir.Value, offsets: Sequence[ir.Value], width: int) -> None:
+        self.emitter, self.width = emitter, width
+        self.addresses = [emitter.builder.gep(first, [offset]) for offset in offsets]
 
     def _pointer(self, lane: int, column: int, kind: ir.Type) -> ir.Value:
         builder = self.emitter.builder
-        offset = ir.Constant(INTEGER, column * np.dtype(self.emitter.dtype).itemsize)
+        offset = INTEGER(column * np.dtype(self.emitter.dtype).itemsize)
         return builder.bitcast(builder.gep(self.addresses[lane], [offset]), kind.as_pointer())
 
     def load(self, column: int) -> ir.Value:
@@ -130,45 +128,15 @@ class Rows:
                 builder.store(number, self._pointer(lane, self.width - 1, emitter.number), align=1)
 
 
-def shuffled(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, places: Sequence[int]) -> ir.Value:
-    """Elements at some places of two concatenated vectors."""
-    mask = ir.Constant(ir.VectorType(ir.IntType(32), len(places)), list(places))
-    return builder.shuffle_vector(a, b, mask)
-
-
-def rows_of_lanes(
-    emitter: Emitter,
-    given: Sequence[ir.Value],
-    first: ir.Value,
-    offsets: Sequence[Sequence[ir.Value]],
-    widths: Sequence[int],
-) -> list[Rows]:
-    """Rows of a group of each array, `given` with its stride behind it, from the first state on.
-
-    `offsets` has those of the lanes in each array, in bytes.
-    """
-    builder, rows = emitter.builder, []
-    for array, stride, offset, width in zip(given[::2], given[1::2], offsets, widths, strict=True):
-        row = builder.gep(array, [builder.mul(first, stride)])
-        rows.append(Rows(emitter, [builder.gep(row, [k]) for k in offset], width))
-    return rows
-
-
-def first_unsound(builder: ir.IRBuilder, sound: ir.Value) -> ir.Value:
-    """Number of the first lane whose bit is not set."""
-    lane: ir.Value = builder.cttz(builder.not_(builder.zext(sound, INTEGER)), ir.Constant(ir.IntType(1), 1))
-    return lane
-
-
 def emit_rows(module: ir.Module, trace: Trace, dtype: str) -> ir.Function:
     """int64 f(const char* a0, int64 stride0, ..., number* out, int64 begin, int64 end) for rows of arrays.
 
-    The number of the first state to be examined, or `end`. The last group overlaps the one before it, and of fewer
-    states than lanes the last fills the rest, so that bits do not depend on the number of states.
+    It returns the number of the first state to be examined, or `end`. The last group overlaps the one before it, and
+    of fewer states than lanes the last one is repeated, so that bits do not depend on the number of states.
     """
     lanes = REGISTER_BITS // 8 // np.dtype(dtype).itemsize
-    kind = ir.FunctionType(INTEGER, [BYTES, INTEGER] * (len(trace.widths) + 1) + [INTEGER, INTEGER])
-    function = ir.Function(module, kind, "rows")
+    taken = [BYTES, INTEGER] * (len(trace.widths) + 1) + [INTEGER, INTEGER]
+    function = ir.Function(module, ir.FunctionType(INTEGER, taken), "rows")
     function.linkage = "internal"
     *given, begin, end = function.args
     start, group, after, stop = (function.append_basic_block(name) for name in ("start", "group", "after", "stop"))
@@ -177,11 +145,9 @@ def emit_rows(module: ir.Module, trace: Trace, dtype: str) -> ir.Function:
     def least(a: ir.Value, b: ir.Value) -> ir.Value:
         return builder.select(builder.icmp_signed("<", a, b), a, b)
 
-    def number(k: int) -> ir.Value:
-        return ir.Constant(INTEGER, k)
-
-    filled = least(number(lanes), builder.sub(end, begin))
-    last = [least(number(lane), builder.sub(filled, number(1))) for lane in range(lanes)]
+    filled = least(INTEGER(lanes), builder.sub(end, begin))
+    last = [least(INTEGER(lane), builder.sub(filled, INTEGER(1))) for lane in range(lanes)]
+    arrays = zip(given[::2], given[1::2], (*trace.widths, trace.entries), strict=True)
     offsets = [[builder.mul(lane, stride) for lane in last] for stride in given[1::2]]
     builder.cbranch(builder.icmp_signed("<", begin, end), group, stop)
 
@@ -189,14 +155,17 @@ def emit_rows(module: ir.Module, trace: Trace, dtype: str) -> ir.Function:
     first = builder.phi(INTEGER)
     first.add_incoming(begin, start)
     emitter = Emitter(builder, dtype, lanes)
-    *read, written = rows_of_lanes(emitter, given, first, offsets, (*trace.widths, trace.entries))
+    *read, written = (
+        Rows(emitter, builder.gep(array, [builder.mul(first, stride)]), offset, width)
+        for (array, stride, width), offset in zip(arrays, offsets, strict=True)
+    )
     loads = [partial(rows.load, k) for rows in read for k in range(rows.width)]
     sound = emit_group(emitter, trace, loads, written.store)
-    following = builder.add(first, number(lanes))
+    following = builder.add(first, INTEGER(lanes))
     overlapping = builder.sub(end, filled)
     first.add_incoming(least(following, overlapping), after)
     examined = builder.block
-    unsound = builder.add(first, first_unsound(builder, sound))
+    unsound = builder.add(first, builder.cttz(builder.not_(builder.zext(sound, INTEGER)), ir.IntType(1)(1)))
     builder.cbranch(builder.icmp_unsigned("==", sound, ir.Constant(sound.type, -1)), after, stop)
 
     builder.position_at_end(after)
@@ -272,10 +241,7 @@ def into(kernel: Any) -> Callable[..., Array]:
 
 
 def fast_call(kernel: Any) -> Callable[..., Array | None]:
-    """Fast path to a result: a function of plain float64 arrays, vectors or rows; None for others.
-
-    Each form is compiled at its first call.
-    """
+    """Function of plain float64 arrays, vectors or rows, compiled at its first call; it returns None for others."""
     kept: Any = weakref.ref(kernel)  # a cycle would keep machine code until it is looked for
 
     def state(*arrays: Any) -> Any:
@@ -300,7 +266,7 @@ def plain_copy(array: Array, dtype: np.dtype[Any] = FLOAT64) -> Array:
 
 
 def from_text(text: str, trace: Trace, **names: Any) -> Any:
-    """Function `function` of a text, whose arguments are those of a trace."""
+    """Function defined by a text, with the arguments of a trace."""
     arguments = ", ".join(f"a{k}" for k in range(len(trace.widths)))
     namespace = {"empty": np.empty, "plain_copy": plain_copy, "ndarray": np.ndarray, "shape": trace.shape, **names}
     namespace["NeedsRecursion"] = NeedsRecursion
@@ -346,7 +312,7 @@ class BatchProgram:
         self._functions: dict[np.dtype[Any], Callable[..., Any]] = {}
 
     def compiled(self, dtype: np.dtype[Any]) -> Callable[..., Any]:
-        """f(*arguments, out, begin) -> number of the first state to be examined, or of states; None of others."""
+        """f(*arguments, out, begin) -> first state to be examined, or number of states; None for other arrays."""
 
         def emit(module: ir.Module, trace: Trace) -> None:
             function = emit_rows(module, trace, dtype.name)
@@ -363,8 +329,8 @@ class BatchProgram:
     def run(self, states: Sequence[Array], results: Array, recursion: Recursion) -> PrecisionStatus:
         """Fill `results`, shape (count, entries), from one array of shape (count, width) per argument.
 
-        States that are not known to be sound are left to the recursion: few at first, more where they follow one
-        another. Its first error ends the run.
+        States not known to be sound are left to the recursion, whose first error ends the run: few at first, more
+        where they follow one another.
         """
         dtype = np.dtype(results.dtype.type)  # the one that arrays share, but those that were pickled
         function, count, status, stretch = self.compiled(dtype), len(results), OK, FEW

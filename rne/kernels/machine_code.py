@@ -1,7 +1,7 @@
 """Program as LLVM instructions, on one number or on a vector of states per operand.
 
-LLVM does the rest: registers, order, machine code. Products and sums may be fused and the sign of zero
-ignored; nothing is reassociated and no operand is assumed to be finite, so that NaN shows where it would in NumPy.
+LLVM does the rest: registers, order, machine code. Products and sums may be fused and the sign of zero ignored; nothing
+is reassociated and no operand is assumed to be finite, so that NaN appears where it would in NumPy.
 """
 
 from __future__ import annotations
@@ -71,17 +71,15 @@ class Emitter:
     def from_table(self, k: int) -> ir.Value:
         """Number k of the module's table, which is filled when the code is loaded."""
         table = self.builder.module.globals["table"]
-        return self.repeated(self.builder.gep(table, [ir.Constant(INDEX, 0), ir.Constant(INDEX, k)]))
+        return self.repeated(self.builder.gep(table, [INDEX(0), INDEX(k)]))
 
     def repeated(self, place: ir.Value) -> ir.Value:
         """The number at a place in memory, in every lane."""
-        zero, one = ir.Constant(INDEX, 0), self.builder.load(place)
+        zero, one = INDEX(0), self.builder.load(place)
         if self.lanes == 1:
             return one
         first = self.builder.insert_element(ir.Constant(self.type, ir.Undefined), one, zero)
-        return self.builder.shuffle_vector(
-            first, first, ir.Constant(ir.VectorType(INDEX, self.lanes), [0] * self.lanes)
-        )
+        return shuffled(self.builder, first, first, [0] * self.lanes)
 
     def pack(self, numbers: Sequence[ir.Value]) -> ir.Value:
         """Operand of the numbers of all lanes."""
@@ -89,14 +87,14 @@ class Emitter:
             return numbers[0]
         vector: ir.Value = ir.Constant(self.type, ir.Undefined)
         for lane, number in enumerate(numbers):
-            vector = self.builder.insert_element(vector, number, ir.Constant(INDEX, lane))
+            vector = self.builder.insert_element(vector, number, INDEX(lane))
         return vector
 
     def unpack(self, value: ir.Value) -> list[ir.Value]:
         """The number in each lane of an operand."""
         if self.lanes == 1:
             return [value]
-        return [self.builder.extract_element(value, ir.Constant(INDEX, lane)) for lane in range(self.lanes)]
+        return [self.builder.extract_element(value, INDEX(lane)) for lane in range(self.lanes)]
 
     def _declared(self, name: str, number: ir.Type, count: int) -> ir.Value:
         """A function of `count` numbers of a type, declared in the module once."""
@@ -151,7 +149,7 @@ class Emitter:
         return [value(output) for output in program.outputs]
 
     def elementary(self, function: Function, arguments: Sequence[ir.Value]) -> list[tuple[ir.Value, ...]]:
-        """Values of a function for each argument; those of one state are computed side by side."""
+        """Values of a function for each argument; of one state, several are computed side by side."""
         if self.lanes > 1:
             return function(self, arguments)
         found: list[tuple[ir.Value, ...]] = []
@@ -215,6 +213,12 @@ class Emitter:
         """True if all conditions hold in all lanes."""
         bits = ir.Constant(ir.IntType(self.lanes), -1)
         return self.builder.icmp_unsigned("==", self.lanes_of(conditions), bits)
+
+
+def shuffled(builder: ir.IRBuilder, a: ir.Value, b: ir.Value, places: Sequence[int]) -> ir.Value:
+    """Elements at some places of two concatenated vectors."""
+    mask = ir.Constant(ir.VectorType(INDEX, len(places)), list(places))
+    return builder.shuffle_vector(a, b, mask)
 
 
 Function = Callable[[Emitter, Sequence[ir.Value]], list[tuple[ir.Value, ...]]]
@@ -286,7 +290,7 @@ def in_float64(emitter: Emitter, function: OnOne, argument: ir.Value) -> tuple[i
     """Result of a float64 function for a vector of either type."""
     if isinstance(emitter.number, ir.DoubleType):
         return function(emitter, argument)
-    wide = type(emitter)(emitter.builder, "float64", emitter.lanes)
+    wide = Emitter(emitter.builder, "float64", emitter.lanes)
     found = function(wide, emitter.builder.fpext(argument, wide.type))
     return tuple(emitter.builder.fptrunc(value, emitter.type) for value in found)
 
@@ -296,7 +300,7 @@ def sine_and_cosine(emitter: Emitter, angle: ir.Value) -> tuple[ir.Value, ir.Val
 
     Reduction by pi/2 as Cody and Waite, in three parts with the rounding of the remainder kept; two polynomials on
     [-pi/4, pi/4] with the coefficients of fdlibm (Sun Microsystems 1993, k_sin.c and k_cos.c), chosen by quadrant.
-    Errors stay below 1 unit in the last place up to LARGEST; beyond it they mean nothing.
+    Errors stay below 1 unit in the last place up to LARGEST; beyond it the result is meaningless.
     """
     builder, constant = emitter.builder, emitter.constant
     quarter = emitter.intrinsic("rint", builder.fmul(angle, constant(2 / math.pi)))
@@ -334,7 +338,7 @@ def _remainder(emitter: Emitter, angle: ir.Value, quarter: ir.Value) -> tuple[ir
 def _near_zero(emitter: Emitter, r: ir.Value, tail: ir.Value) -> tuple[ir.Value, ir.Value]:
     """Sine and cosine of r + tail, |r| <= pi/4: r + r^3 S(r^2) + tail cos r, and 1 - r^2/2 + r^4 C(r^2) - tail r.
 
-    The rounding of 1 - r^2/2 is kept. What is small is added up first.
+    The rounding error of 1 - r^2/2 is kept, and small terms are added first.
     """
     builder, one = emitter.builder, emitter.constant(1.0)
     z = builder.fmul(r, r)
@@ -361,13 +365,13 @@ def hyperbolic_tangent(emitter: Emitter, x: ir.Value) -> tuple[ir.Value]:
 
         tanh |x| = ((1 - S) R + (1 + S) r) / ((1 + S) R + (1 - S) r).
 
-    What rounding takes from both sums is kept and corrects the quotient. Errors stay below 1 unit in the last place, on
+    The rounding errors of both sums are kept and correct the quotient. Errors stay below 1 unit in the last place, on
     processors without fused multiply-add below 2.
     """
     builder, constant = emitter.builder, emitter.constant
-    size = _at_most(emitter, emitter.intrinsic("fabs", x), 20.0)  # whose tangent is 1
+    size = _minimum(emitter, emitter.intrinsic("fabs", x), 20.0)  # whose tangent is 1
     k = emitter.intrinsic("rint", emitter.intrinsic("fmuladd", size, constant(2 / math.log(2)), constant(-0.25)))
-    k = _at_most(emitter, k, 52.0)  # 1 + S is exact
+    k = _minimum(emitter, k, 52.0)  # 1 + S is exact
     r, rest = _near_log_2(emitter, size, k)
     S, one = _power_of_two(emitter, builder.fneg(k)), constant(1.0)
     a, b = builder.fsub(one, S), builder.fadd(one, S)
@@ -398,7 +402,7 @@ def exponential(emitter: Emitter, x: ir.Value) -> tuple[ir.Value]:
     1.1 units in the last place.
     """
     builder, constant = emitter.builder, emitter.constant
-    x = builder.fneg(_at_most(emitter, builder.fneg(_at_most(emitter, x, 800.0)), 800.0))  # beyond: infinite, or 0
+    x = builder.fneg(_minimum(emitter, builder.fneg(_minimum(emitter, x, 800.0)), 800.0))  # beyond: infinite, or 0
     k = emitter.intrinsic("rint", builder.fmul(x, constant(1 / math.log(2))))
     r, rest = _near_log_2(emitter, builder.fmul(x, constant(0.5)), k)
     v, twice, one = builder.fsub(r, rest), builder.fadd(r, r), constant(1.0)
@@ -408,7 +412,7 @@ def exponential(emitter: Emitter, x: ir.Value) -> tuple[ir.Value]:
     return (builder.fmul(found, _power_of_two(emitter, builder.fsub(k, half))),)
 
 
-def _at_most(emitter: Emitter, x: ir.Value, bound: float) -> ir.Value:
+def _minimum(emitter: Emitter, x: ir.Value, bound: float) -> ir.Value:
     """Minimum of a number and a bound; NaN stays."""
     most = emitter.constant(bound)
     return emitter.builder.select(emitter.builder.fcmp_ordered("<", most, x), most, x)

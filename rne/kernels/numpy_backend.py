@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import cache, cached_property, partial
 from math import isfinite
 from typing import Any, NamedTuple
@@ -14,14 +13,13 @@ import numpy as np
 
 from ..basics.spatial import Array
 from ..dynamics.quantity import OK, PrecisionStatus
-from ..graph.program import Operand, Program, with_scalars
+from ..graph.program import Operand, Program
 from .soundness import Conditions, Recursion, Trace
 
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
 LINE = 64  # size of a cache line [bytes]
 REGISTER_BYTES = 8 * 2**20  # largest size of all registers [bytes]: more no longer pay for fewer calls
 MAX_BLOCK, MIN_BLOCK = 8192, 256  # states per block
-NONE = np.zeros(0)
 
 
 class Step(NamedTuple):
@@ -38,14 +36,13 @@ class Layout(NamedTuple):
     steps: tuple[Step, ...]
     registers: int
     copies: tuple[tuple[int, Operand | int], ...]  # output rows that repeat another register or hold a constant
-    numbers: int  # of a run
 
 
 def allocate(program: Program) -> Layout:
     """Register allocation by liveness: each is free again after its last reader, which may put its result there."""
     place, copies = _places(program)
     last = {arg: k for k, instruction in enumerate(program.instructions) for arg in instruction.args}
-    kept = {*program.outputs, *(arg for arg in last if arg.kind in ("constant", "number"))}
+    kept = {*program.outputs, *(arg for arg in last if arg.kind == "constant")}
     registers = itertools.count(program.inputs + len(program.outputs))
     free: list[int] = []
     partners = _sine_and_cosine(program)
@@ -60,19 +57,15 @@ def allocate(program: Program) -> Layout:
     for k, (kind, operands) in enumerate(program.instructions):
         args = tuple(place.get(arg, arg) for arg in operands)
         finished = [place[arg] for arg in set(operands) if arg not in kept and last[arg] == k]
-        if k in partners and kind in ("sin", "cos"):
-            if k < partners[k]:  # the second comes with the first
-                sine, cosine = (k, partners[k]) if kind == "sin" else (partners[k], k)
-                steps.append(Step("sincos", args, (result(sine), result(cosine))))
-        elif kind == "where":  # written in two parts, so its result must not overlap an operand
+        is_whole = kind != "where" and k not in partners  # written in one part, so the result may overlap an operand
+        free += finished if is_whole else []
+        if k not in partners:
             steps.append(Step(kind, args, (result(k),)))
-        else:
-            free += finished
-            steps.append(Step(kind, args, (result(k),)))
-            continue
-        free += finished
-    numbers = max((int(arg.value) + 1 for arg in kept if arg.kind == "number"), default=0)
-    return Layout(tuple(steps), next(registers), copies, numbers)
+        elif k < partners[k]:  # the second comes with the first
+            sine, cosine = (k, partners[k]) if kind == "sin" else (partners[k], k)
+            steps.append(Step("sincos", args, (result(sine), result(cosine))))
+        free += [] if is_whole else finished
+    return Layout(tuple(steps), next(registers), copies)
 
 
 def _places(program: Program) -> tuple[dict[Operand, int], tuple[tuple[int, Operand | int], ...]]:
@@ -101,10 +94,7 @@ def _sine_and_cosine(program: Program) -> dict[int, int]:
 
 
 class BlockProgram:
-    """A trace that runs on arrays of states, block by block.
-
-    The argument that is the same over a run may be one vector for all states: then its entries are scalars.
-    """
+    """Trace that runs on arrays of states, block by block; a vector instead of such an array is common to all."""
 
     def __init__(self, trace: Trace) -> None:
         self.trace = trace
@@ -117,28 +107,13 @@ class BlockProgram:
         """Registers of the program."""
         return allocate(self.trace.program)
 
-    @cached_property
-    def common(self) -> BlockProgram:
-        """The program with the argument of a run as scalars."""
-        given = self.trace.coefficients
-        program = with_scalars(self.trace.program, given.start, len(given))
-        widths = [width for k, width in enumerate(self.trace.widths) if k != self.trace.of_run]
-        return BlockProgram(replace(self.trace, program=program, widths=tuple(widths), of_run=None))
-
-    def _of_arrays(self, states: Sequence[Array]) -> tuple[BlockProgram, Sequence[Array], Array]:
-        """The program for arrays of states, those that have one row per state, and the scalars."""
-        k = self.trace.of_run
-        if k is None or states[k].ndim > 1:
-            return self, states, NONE
-        return self.common, [*states[:k], *states[k + 1 :]], states[k]
-
     def run(self, states: Sequence[Array], results: Array, recursion: Recursion) -> PrecisionStatus:
         """Fill `results`, shape (count, entries), from one array of shape (count, width) per argument.
 
         A block that is not known to be sound is left to the recursion, whose first error ends the run.
         """
-        status, (program, rows, numbers) = OK, self._of_arrays(states)
-        for block, conditions in program._blocks(rows, numbers, results, _OfRows()):
+        status = OK
+        for block, conditions in self._blocks(states, results, OF_ROWS):
             if not all(conditions):
                 found, its_status = recursion(block.start, block.stop)
                 status = status.worse(its_status)
@@ -149,24 +124,21 @@ class BlockProgram:
 
     def sound(self, states: Sequence[Array], results: Array) -> Array:
         """Fill `results`, each state's bits independent of the others; True for each that is sound, others are void."""
-        found, (program, rows, numbers) = np.ones(len(results), dtype=bool), self._of_arrays(states)
-        for block, conditions in program._blocks(rows, numbers, results, _OfStates()):
+        found = np.ones(len(results), dtype=bool)
+        for block, conditions in self._blocks(states, results, OF_STATES):
             found[block] = np.logical_and.reduce(conditions)
         return found
 
-    def _blocks(
-        self, states: Sequence[Array], numbers: Array, results: Array, write: Conditions
-    ) -> Iterator[tuple[slice, list[Any]]]:
+    def _blocks(self, states: Sequence[Array], results: Array, write: Conditions) -> Iterator[tuple[slice, list[Any]]]:
         """Run block by block; yields the conditions under which each is sound."""
         count, dtype, trace = len(results), results.dtype, self.trace
         length = min(block_length(self.layout.registers, dtype.itemsize), _rounded(max(count, 1)))
         with np.errstate(all="ignore"), self._workspace(length, dtype) as workspace:
-            workspace.numbers[: len(numbers)] = numbers
             for begin in range(0, count, length):
                 block = slice(begin, min(begin + length, count))
                 rows = workspace.rows[:, : block.stop - begin]
                 for place, array in zip(self.inputs, states, strict=True):
-                    rows[place] = array[block].T
+                    rows[place] = array[block].T if array.ndim > 1 else array[:, None]
                 conditions = trace.sound_inputs(rows, dtype, write)
                 for call, arguments in workspace.calls(min(_rounded(block.stop - begin), length)):
                     call(*arguments)
@@ -190,32 +162,6 @@ class BlockProgram:
             pool.append(workspace)
 
 
-class _OfStates:
-    """Conditions of soundness, state by state."""
-
-    def finite(self, values: Sequence[Array]) -> Array:
-        return np.asarray(np.isfinite(values.sum(axis=0) if isinstance(values, np.ndarray) else sum(values)))
-
-    def within(self, values: Array, bound: float) -> Array:
-        return np.asarray(np.abs(values).max(axis=0, initial=0.0) <= bound)
-
-    def above(self, values: Array, factor: float, others: Array) -> Array:
-        return np.asarray((values > factor * others).all(axis=0))
-
-
-class _OfRows:
-    """Conditions of soundness on whole rows: true if they hold in every state."""
-
-    def finite(self, values: Sequence[Array]) -> bool:
-        return all_finite(values) if isinstance(values, np.ndarray) else all(all_finite(row) for row in values)
-
-    def within(self, values: Array, bound: float) -> bool:
-        return bool(values.max(initial=0.0) <= bound and values.min(initial=0.0) >= -bound)
-
-    def above(self, values: Array, factor: float, others: Array) -> bool:
-        return bool((values > factor * others).all())
-
-
 class Workspace:
     """Registers of one thread, and the calls that run the program in them."""
 
@@ -225,7 +171,6 @@ class Workspace:
         self.trig = METHODS[faster(dtype.name)]
         self.rows = aligned_zeros(layout.registers, length, dtype)
         self.constants: dict[float, Array] = {}
-        self.numbers = np.zeros(layout.numbers, dtype)  # of a run
         self._calls: dict[int, list[Call]] = {}
 
     def calls(self, length: int) -> list[Call]:
@@ -243,8 +188,6 @@ class Workspace:
     def _operand(self, arg: Operand | int, rows: list[Array]) -> Array:
         if isinstance(arg, int):
             return rows[arg]
-        if arg.kind == "number":
-            return self.numbers[int(arg.value), ...]
         return self.constants.setdefault(float(arg.value), np.array(arg.value, dtype=self.dtype))
 
     def _of(self, step: Step, rows: list[Array]) -> list[Call]:
@@ -275,7 +218,7 @@ def _where(condition: Array, a: Array, b: Array, out: Array) -> None:
     np.copyto(out, a, where=condition != 0)
 
 
-# What NumPy's function of the name does not do: the others are called as np.add(a, b, out).
+# Operations that are not NumPy's function of the same name, called as np.add(a, b, out).
 SPECIAL: dict[str, Callable[..., Any]] = {
     "minimum": lambda a, b, out: np.minimum(a, b, out=out),
     "maximum": lambda a, b, out: np.maximum(a, b, out=out),
@@ -304,10 +247,23 @@ def all_finite(rows: Array) -> bool:
     return isfinite(rows.sum()) or bool(np.isfinite(rows).all())
 
 
+# Conditions of soundness of each state, and of all states of a block at once.
+OF_STATES = Conditions(
+    finite=lambda values: np.isfinite(values.sum(axis=0) if isinstance(values, np.ndarray) else sum(values)),
+    within=lambda values, bound: np.abs(values).max(axis=0, initial=0.0) <= bound,
+    above=lambda values, factor, others: (values > factor * others).all(axis=0),
+)
+OF_ROWS = Conditions(
+    finite=lambda values: all_finite(values) if isinstance(values, np.ndarray) else all(map(all_finite, values)),
+    within=lambda values, bound: values.max(initial=0.0) <= bound and values.min(initial=0.0) >= -bound,
+    above=lambda values, factor, others: (values > factor * others).all(),
+)
+
+
 def check_out(
     out: Array, shape: tuple[int, ...], dtype: np.dtype[Any], names: Sequence[str], arrays: Sequence[Array]
 ) -> Array:
-    """Refuse an `out` of another shape or dtype, or one that overlaps an input."""
+    """Raise a ValueError for an `out` of another shape or dtype, or one that overlaps an input."""
     check_array("out", out, shape, dtype, "writeable")
     for name, array in zip(names, arrays, strict=True):
         if np.may_share_memory(out, array):
@@ -316,7 +272,7 @@ def check_out(
 
 
 def check_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any], flag: str = "aligned") -> None:
-    """Refuse anything but an array of this shape and dtype in C order."""
+    """Raise a ValueError for anything but an array of this shape and dtype in C order."""
     if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != dtype:
         got = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
         raise ValueError(f"`{name}` must be a {dtype} array of shape {shape}, got {got}")

@@ -33,7 +33,7 @@ def host() -> tuple[str, str]:
 
 @functools.cache
 def versions() -> str:
-    """Versions of packages and of the files here and below, on which object code depends besides the program."""
+    """Versions of packages and of files of this folder, on which object code depends in addition to the program."""
     files = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.rglob("*.py")))
     others = f"llvmlite {llvmlite.__version__} LLVM {binding.llvm_version_info} numpy {np.__version__} {sys.version}"
     return f"{hashlib.sha256(files).hexdigest()} {others} {sys.platform}"
@@ -96,7 +96,7 @@ class Library:
 def library(functions: Sequence[str], description: Sequence[str], text: Callable[[], str], *, loops: bool) -> Library:
     """Library of a description, from memory, from the disk, or compiled and kept in both."""
     name = disk_cache.key(versions(), *host(), *description)
-    mark = f"rne_{name}"  # a symbol by which code is known to be that of the description
+    mark = f"rne_{name}"  # a symbol that only code of this description has
     made, code = None, RECENT.pop(name, None) or disk_cache.read(name) or b""
     if code:
         try:

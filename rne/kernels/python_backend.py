@@ -12,25 +12,13 @@ import numpy as np
 from ..basics.spatial import Array
 from ..graph.graph import BINARY, UNARY
 from ..graph.program import Operand, Program
-from .soundness import NeedsRecursion, Trace
+from .soundness import Conditions, NeedsRecursion, Trace
 
 SYMBOLS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/"}
-FUNCTIONS = {
-    "negative": "-{}",
-    "sin": "sin({})",
-    "cos": "cos({})",
-    "sqrt": "sqrt({})",
-    "abs": "abs({})",
-    "tanh": "tanh({})",
-    "exp": "exp({})",
-    "arctan2": "atan2({}, {})",
-    "sign": "sign({})",
-    "minimum": "minimum({}, {})",
-    "maximum": "maximum({}, {})",
-    "less": "float({} < {})",
-    "less_equal": "float({} <= {})",
-    "where": "({1} if {0} else {2})",
-}
+FUNCTIONS = {name: f"{name}({{}})" for name in ("sin", "cos", "sqrt", "abs", "tanh", "exp", "sign")}
+FUNCTIONS |= {"minimum": "minimum({}, {})", "maximum": "maximum({}, {})", "arctan2": "atan2({}, {})"}
+FUNCTIONS |= {"less": "float({} < {})", "less_equal": "float({} <= {})"}
+FUNCTIONS |= {"negative": "-{}", "where": "({1} if {0} else {2})"}
 LONGEST_SUM = 64  # terms in one written-out sum
 DEEPEST = 12  # nested parentheses in one expression
 IMPORTED = ("atan2", "cos", "exp", "inf", "nan", "sin", "sqrt", "tanh")  # from math
@@ -45,8 +33,8 @@ def expressions(
 ) -> tuple[list[str], list[str]]:
     """Assignments in order, and an expression for each output; a result that is read once is written inline.
 
-    `entry` gives the text of an input, `functions` that of operations other than + - * /, of infinity and of NaN,
-    `number` that of other constants.
+    Texts are given by `entry` for inputs, by `functions` for operations other than + - * /, infinity and NaN, and by
+    `number` for other constants.
     """
     uses = Counter(arg for instruction in program.instructions for arg in instruction.args)
     uses.update(program.outputs)
@@ -75,24 +63,19 @@ def expressions(
     return lines, [text(output)[0] for output in program.outputs]
 
 
-class _Text:
-    """Conditions of soundness as Python text on names."""
-
-    def finite(self, values: Sequence[str]) -> str:
-        return f"isfinite({_total(values)})"
-
-    def within(self, values: Sequence[str], bound: float) -> str:
-        return f"{_total([f'{value} * {value}' for value in values])} <= {bound**2!r}"
-
-    def above(self, values: Sequence[str], factor: float, others: Sequence[str]) -> str:
-        return " and ".join(f"{a} > {factor!r} * {b}" for a, b in zip(values, others, strict=True))
+AS_TEXT = Conditions(
+    finite=lambda names: f"isfinite({_total(names)})",
+    within=lambda names, bound: f"{_total([f'{name} * {name}' for name in names])} <= {bound**2!r}",
+    above=lambda names, factor, others: " and ".join(
+        f"{a} > {factor!r} * {b}" for a, b in zip(names, others, strict=True)
+    ),
+)
 
 
 def state_source(trace: Trace, *, apart: bool = False) -> str:
-    """Source of a Python function of one float64 vector per argument, which returns the result as an array.
+    """Source of a Python function of one float64 vector per argument, which returns an array or raises NeedsRecursion.
 
-    It raises NeedsRecursion for a state whose inputs or result are not known to be sound. What is the same over a run
-    are arguments of their own, one by one, if they are to be `apart`.
+    If the numbers of a run are `apart`, each of them is an argument.
     """
     lines, outputs = expressions(trace.program)
     names = iter([f"x{k}" for k in range(trace.program.inputs)])
@@ -100,8 +83,8 @@ def state_source(trace: Trace, *, apart: bool = False) -> str:
     alone = trace.of_run if apart else None
     unpacked = [f"[{', '.join(group)}] = a{k}.tolist()" for k, group in enumerate(taken) if group and k != alone]
     results = [f"r{k}" for k in range(trace.entries)]
-    before = trace.sound_inputs([name for group in taken for name in group], np.float64, _Text())
-    after = trace.sound_results([*results, *outputs[len(results) :]], np.float64, _Text())
+    before = trace.sound_inputs([name for group in taken for name in group], np.float64, AS_TEXT)
+    after = trace.sound_results([*results, *outputs[len(results) :]], np.float64, AS_TEXT)
     body = [
         *_unless(before),
         *lines,

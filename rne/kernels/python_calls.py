@@ -1,7 +1,7 @@
 """Machine code that Python calls like its own functions in C, and that reads arrays in place.
 
 An array is taken as it is, by the addresses of its numbers, shape and strides, which are where array_layout has them.
-Arguments of other types than the code was made for are refused: the result is then None.
+For arguments of other types than the code was made for the result is None.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ INTEGER, NUMBER, BYTES = ir.IntType(64), ir.DoubleType(), ir.IntType(8).as_point
 FASTCALL = 0x80  # METH_FASTCALL: f(self, arguments, their number)
 KEYWORDS = 0x02  # METH_KEYWORDS: and the names of those at the end that are given by name, or NULL
 OUT = sys.intern("out")
-# What `self` holds, in this order, for comparisons.
+# Objects in `self`, in this order, for comparisons.
 FLOAT64, INT64 = np.dtype("float64"), np.dtype("int64")
 KNOWN = (None, np.ndarray, int, float, np.float64, INT64, FLOAT64)
 
@@ -46,14 +46,14 @@ def python_function(
     method = MethodDefinition(name.encode(), library.address[name], flags, None)
     make = ctypes.pythonapi.PyCFunction_NewEx
     make.restype, make.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
-    # The last two are there to be kept as long as the function.
+    # The last two are included so that they live as long as the function.
     own = *KNOWN[:-1], dtype, otherwise, OUT, library, method
     function: Callable[..., Any] = make(ctypes.addressof(method), own, None)
     return function
 
 
 class Call:
-    """Body of "call" in a module: takes its arguments one by one, and refuses unsuitable ones."""
+    """Body of "call" in a module, which takes its arguments one by one, and ends if one is unsuitable."""
 
     def __init__(self, module: ir.Module, name: str = "call") -> None:
         self.module = module
@@ -78,7 +78,7 @@ class Call:
 
     def field(self, address: ir.Value, offset: int, kind: ir.Type = BYTES) -> ir.Value:
         """Field of an object."""
-        place = self.builder.gep(address, [ir.Constant(INTEGER, offset)])
+        place = self.builder.gep(address, [INTEGER(offset)])
         return self.builder.load(self.builder.bitcast(place, kind.as_pointer()))
 
     def known(self, what: object) -> ir.Value:
@@ -101,10 +101,10 @@ class Call:
         builder.position_at_end(following)
 
     def require_out(self, count: int) -> None:
-        """Refuse the call unless there is one argument more than `count`, by name or not; it lies behind the others."""
+        """Refuse the call unless there is one argument more than `count`, the last one, by name or not."""
         builder, (names,) = self.builder, self.names
         by_name, by_place, following = (builder.append_basic_block() for _ in range(3))
-        builder.cbranch(builder.icmp_unsigned("==", names, ir.Constant(BYTES, None)), by_place, by_name)
+        builder.cbranch(builder.icmp_unsigned("==", names, BYTES(None)), by_place, by_name)
         builder.position_at_end(by_place)
         self.require(self.count, count + 1)
         builder.branch(following)
@@ -142,7 +142,7 @@ class Call:
     def items(self, value: ir.Value, count: int) -> list[ir.Value]:
         """Addresses of the items of a tuple, named or not."""
         flags = self.c_function("PyType_GetFlags", INTEGER, self.field(value, HEAD - 8))
-        self.require(self.builder.and_(flags, ir.Constant(INTEGER, TUPLES)), TUPLES)
+        self.require(self.builder.and_(flags, INTEGER(TUPLES)), TUPLES)
         self.require(self.field(value, HEAD, INTEGER), count)
         return [self.field(value, ITEMS + 8 * k) for k in range(count)]
 
@@ -186,7 +186,7 @@ def emit_into(module: ir.Module, function: ir.Function, widths: Sequence[int], s
         numbers, found = call.plain_array(array, FLOAT64, len(stated), needed)
         for size, wanted in zip(found, stated, strict=True):
             call.require(size, wanted)
-        ends.append((numbers, builder.gep(numbers, [ir.Constant(INTEGER, 8 * prod(stated))])))
+        ends.append((numbers, builder.gep(numbers, [INTEGER(8 * prod(stated))])))
     (written, behind), *given = ends
     for first, last in given:
         apart = [builder.icmp_unsigned("<=", a, b) for a, b in ((last, written), (behind, first))]
@@ -213,7 +213,7 @@ def emit_rows_call(module: ir.Module, function: ir.Function, widths: Sequence[in
         if width > 1:
             call.require(call.field(strides, 8, INTEGER), size)
         pairs += [numbers, call.field(strides, 0, INTEGER)]
-    pairs += [call.field(out, DATA), ir.Constant(INTEGER, entries * size)]
+    pairs += [call.field(out, DATA), INTEGER(entries * size)]
     begin = call.integer(call.argument(len(widths) + 1))
     call.give(call.unlocked(function, [*pairs, begin, count]))
 
@@ -239,7 +239,7 @@ def emit_loop_call(module: ir.Module, name: str, arguments: Sequence[Any], retur
     elif returned == "bool":
         call.builder.ret(call.c_function("PyBool_FromLong", BYTES, call.builder.zext(found, INTEGER)))
     else:
-        call.give(found if returned == "int64" else ir.Constant(INTEGER, 0))
+        call.give(found if returned == "int64" else INTEGER(0))
 
 
 def _flattened(call: Call, value: ir.Value, kind: Any) -> list[ir.Value]:
@@ -251,7 +251,7 @@ def _flattened(call: Call, value: ir.Value, kind: Any) -> list[ir.Value]:
         return [call.integer(value)]
     if isinstance(kind, float):
         return [call.number(value)]
-    nothing, size = ir.Constant(BYTES, None), ir.Constant(INTEGER, 8)
+    nothing, size = BYTES(None), INTEGER(8)
     numbers, shape = call.plain_array(value, FLOAT64 if kind.dtype.kind == "f" else INT64, kind.ndim)
     strides = [size]
     for count in reversed(shape):

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,9 +15,9 @@ from ..dynamics.precision import NEARLY_SINGULAR, pivot_bound, velocity_bound
 from ..dynamics.quantity import PrecisionStatus
 from ..graph.program import Program, divided
 
-# Operations whose result is not finite if an operand is not. So is x / y if y is a pivot of M, which is checked.
+# Operations whose result is not finite if an operand is not. x / y is another if y is a pivot of M, which is checked.
 PROPAGATING = frozenset({"add", "subtract", "multiply", "negative", "sin", "cos", "sqrt", "abs"})
-# What the recursion finds for states begin to end, counted in the whole batch.
+# Results of the recursion for states from begin to end, counted in the whole batch.
 Recursion = Callable[[int, int], tuple[Array, PrecisionStatus]]
 
 
@@ -25,17 +25,12 @@ class NeedsRecursion(Exception):
     """Raised for a state that the recursion must compute, since the program's result is not known to be sound."""
 
 
-class Conditions(Protocol):
+class Conditions(NamedTuple):
     """Conditions of soundness as an engine writes them: on text, on registers of NumPy, in machine code."""
 
-    def finite(self, values: Any) -> Any:
-        """Condition that every value is finite."""
-
-    def within(self, values: Any, bound: float) -> Any:
-        """Condition that no value exceeds the bound in size; an engine may bound the root of their sum of squares."""
-
-    def above(self, values: Any, factor: float, others: Any) -> Any:
-        """Condition that each value exceeds the factor times its partner."""
+    finite: Callable[[Any], Any]  # every one of some values is finite
+    within: Callable[[Any, float], Any]  # none exceeds a bound in size, or the root of their sum of squares does not
+    above: Callable[[Any, float, Any], Any]  # each value exceeds a factor times its partner
 
 
 @dataclass(frozen=True)
@@ -68,7 +63,7 @@ class Trace:
         return range(first, first + self.widths[self.of_run])
 
     def divided(self) -> Trace:
-        """Trace whose inputs are computed from the argument `of_run`, in place of it."""
+        """Trace that takes what is computed of the argument `of_run` instead of that."""
         assert self.of_run is not None
         given = self.coefficients
         of_numbers, program = divided(self.program, given.start, len(given))
@@ -102,11 +97,10 @@ class Trace:
         return conditions
 
     def sound_results(self, outputs: Any, dtype: Any, write: Conditions, units: float = NEARLY_SINGULAR) -> list[Any]:
-        """Conditions on the outputs; if one fails, the recursion computes the state instead.
+        """Conditions on the outputs; a NaN fulfils none.
 
-        The recursion then finds whether that is an error, to be warned of or sound after all. This is the only
-        statement of the conditions; each engine writes it in its own form. A NaN fulfils none. Printed C, which has no
-        recursion, takes the bound for singular M in its `units`.
+        If one fails, the recursion computes the state instead, and finds whether that is an error, to be warned of or
+        sound after all. Printed C, which has no recursion, has the bound for singular M in its `units`.
         """
         first, n = self.entries, self.pivots
         conditions = [write.finite(outputs[:first])]

@@ -25,7 +25,7 @@ from ..dynamics.precision import SINGULAR
 from ..graph.program import Operand, Program, without_judged
 from ..model.model import Model
 from .python_backend import FUNCTIONS, expressions
-from .soundness import Trace
+from .soundness import Conditions, Trace
 
 MAX_NAME = 60  # characters
 WIDTH = 100
@@ -58,10 +58,10 @@ class Printable(NamedTuple):
     name: str
     arguments: tuple[str, ...]
     heading: Sequence[str]
-    table: Array = NO_TABLE  # of the pieces that one of the arguments is
-    rows: Sequence[Sequence[str]] = ()  # the same as texts
+    table: Array = NO_TABLE  # pieces of a motion through samples; `piece` is a row of it
+    rows: Sequence[Sequence[str]] = ()  # its numbers as texts
     namespace: str = ""  # of C++
-    looks_up: bool = False  # True if the piece is found by the function itself, in place of an argument
+    looks_up: bool = False  # True if the function itself finds the piece, which is no argument then
     members: Mapping[str, Sequence[str]] = {}  # of arguments that are structures in C++: type, then its entries
     checks: Sequence[str] = ()  # conditions in C or C++ under which there is a result
 
@@ -90,21 +90,21 @@ class Written(NamedTuple):
     types: tuple[str, str]  # what @ and $ stand for
 
     def finished(self, lines: Iterable[str]) -> str:
-        """Lines as a text, with the names of types in place of @ and $."""
+        """Lines as a text, with the names of types instead of @ and $."""
         return "\n".join(lines).replace("@", self.types[0]).replace("$", self.types[1])
 
 
 def to_source(printable: Printable, language: str, dtype: str = "float64") -> str:
-    """Source text of a function; a ValueError names the available languages and numbers."""
+    """Source text of a function; errors as of `written`."""
     found = written(printable, language, dtype)
     return found.finished([*LANGUAGES[language].text(*found[:3]), ""])
 
 
 def written(printable: Printable, language: str, dtype: str = "float64") -> Written:
-    """Parts of a function's text; a ValueError names the available languages and numbers."""
+    """Parts of a function's text; a ValueError lists the available languages and types of numbers."""
     if language not in LANGUAGES:
         raise ValueError(f"`language` must be one of {list(LANGUAGES)}, got {language!r}")
-    entry, functions, _, types, literal = LANGUAGES[language]
+    _, functions, types, literal, entry = LANGUAGES[language]
     if dtype not in types:
         raise ValueError(f"`dtype` of language {language!r} must be one of {list(types)}, got {dtype!r}")
     trace, is_c, members = printable.trace, language in ("c", "c++"), printable.members
@@ -120,37 +120,31 @@ def written(printable: Printable, language: str, dtype: str = "float64") -> Writ
     costs = [f"Operations - {', '.join(f'{count} {kind}' for kind, count in program.operations.items()) or 'none'}"]
     if is_c or language == "rust":
         choices = ", ".join(kind for kind in CHOICES if kind in program.operations)
-        costs += [f"No loop, no allocation, {f'choices in {choices} alone' if choices else 'no branch'}"]
+        costs += [f"No loop, no allocation, {f'only choices in {choices}' if choices else 'no branch'}"]
         alive, size = most_alive(program), np.dtype(dtype).itemsize
-        costs += [
-            f"Stack - {alive} values at once at most in this order, {alive * size} bytes, besides saved registers"
-        ]
+        costs += [f"Stack - {alive} values at once at most in this order, {alive * size} bytes, and saved registers"]
     name = identifier(printable.name, printable.arguments)
     costs += [f"Save as {name}.m"] if language == "matlab" else []
     whole = printable._replace(name=name, heading=[*printable.heading, *_wrapped(costs)])
     lines, outputs = expressions(program, inputs.__getitem__, FUNCTIONS | functions, number)
     if is_c:
         rows = [["-" * (x < 0) + number(abs(x)) for x in row] for row in printable.table.tolist()]
-        results, own = [f"result[{k}]" for k in range(trace.entries)], _OfC("" if language == "c" else "std::", number)
+        results = [f"result[{k}]" for k in range(trace.entries)]
+        own = _conditions("" if language == "c" else "std::", number)
         checks = trace.sound_results([*results, *outputs[trace.entries :]], dtype, own, SINGULAR)
         whole = whole._replace(rows=rows, checks=checks if len(outputs) > trace.entries else ())
     return Written(whole, lines, outputs[: trace.entries], types[dtype])
 
 
-class _OfC:
-    """Conditions of soundness as text in C or C++."""
-
-    def __init__(self, prefix: str, number: Callable[[float], str]) -> None:
-        self.prefix, self.number = prefix, number
-
-    def finite(self, values: Sequence[str]) -> str:
-        return " && ".join(f"{self.prefix}isfinite({x})" for x in values) or "1"
-
-    def within(self, values: Sequence[str], bound: float) -> str:
-        return self.finite(values)  # of inputs, which are not judged here
-
-    def above(self, values: Sequence[str], factor: float, others: Sequence[str]) -> str:
-        return " && ".join(f"{a} > {self.number(factor)} * {b}" for a, b in zip(values, others, strict=True))
+def _conditions(prefix: str, number: Callable[[float], str]) -> Conditions:
+    """Conditions of soundness of results as text in C or C++; inputs are not checked there."""
+    return Conditions(
+        finite=lambda values: " && ".join(f"{prefix}isfinite({x})" for x in values) or "1",
+        within=lambda values, bound: "1",
+        above=lambda values, factor, others: " && ".join(
+            f"{a} > {number(factor)} * {b}" for a, b in zip(values, others, strict=True)
+        ),
+    )
 
 
 def identifier(name: str, taken: Sequence[str] = ()) -> str:
@@ -194,7 +188,7 @@ def _python(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
 
 
 def _used(lines: Sequence[str], helpers: Mapping[str, Sequence[str]], *after: str) -> list[str]:
-    """Names of the functions that lines call."""
+    """Definitions of the helpers that lines call, each with lines after it."""
     found = [text for name, text in helpers.items() if any(f"{name}(" in line for line in lines)]
     return [line for text in found for line in (*text, *after)]
 
@@ -338,7 +332,7 @@ def _rust(p: Printable, lines: list[str], outputs: list[str]) -> list[str]:
     head = [*(f"// {line}" for line in p.heading), "", f"/// {_size(p)}."]
     head += ["#[allow(non_snake_case, unused_parens, unused_unsafe, unused_variables, clippy::all)]"]
     head += [f"pub fn {p.name}({', '.join(arguments)}, result: &mut [@; {len(outputs)}]) {{"]
-    return [*head, *_indented([*libm, *_used(body, RUST), *body]), "}"]  # libm's names are known in the function alone
+    return [*head, *_indented([*libm, *_used(body, RUST), *body]), "}"]  # names of libm are known only in the function
 
 
 def _size(p: Printable) -> str:
@@ -357,8 +351,8 @@ def _indented(lines: Sequence[str]) -> list[str]:
     return [f"    {line}" for line in lines]
 
 
-# What a language has not, or has otherwise than NumPy where an operand is NaN or infinite. In C and Rust @ is the type
-# of numbers, $ the end of the names in libm.
+# Functions that a language lacks, or that differ from NumPy's where an operand is NaN or infinite. In C and Rust @ is
+# the type of numbers, $ the end of the names in libm.
 PYTHON = {"sign": ["def sign(x):", "    return 1.0 if x > 0 else -1.0 if x < 0 else x"]}
 C = {"sign": ["static @ sign(@ x) { return x > 0 ? 1 : x < 0 ? -1 : x; }"]}
 RUST = {"sign": ["fn sign(x: @) -> @ { if x > 0.0 { 1.0 } else if x < 0.0 { -1.0 } else { x } }"]}
@@ -382,7 +376,7 @@ MATLAB["where"] = ["function x = where(c, a, b)", "  if c ~= 0, x = a; else, x =
 LIBM = {name: f"{name}$({{}})" for name in ("sin", "cos", "sqrt", "tanh", "exp")}
 LIBM |= {"abs": "fabs$({})", "arctan2": "atan2$({}, {})"}
 CHOICES = ("minimum", "maximum", "sign", "less", "less_equal", "where")
-# Functions' names that are words of a language or of its mathematics, but not of Python's.
+# Words of the languages and of their mathematics that are none of Python's, and no names of functions.
 RESERVED = """INFINITY NAN abstract arctan2 asm auto become box catch char classdef const crate default do double drem
     dyn elseif end enum exp10 extern false fdim final finite float fma fmax fmin fn function goto ilogb impl
     inline int j0 j1 jn let linux llrint llround logb long loop lrint lround macro main maximum minimum mod
@@ -400,100 +394,58 @@ def _single(x: float) -> str:
 
 
 class Language(NamedTuple):
-    """Text of an argument's entry, of functions that differ from Python's, of the whole function and of constants."""
+    """Text of the whole function, of functions that differ from Python's, of constants and of an argument's entry."""
 
-    entry: Callable[[str, int], str]
-    functions: dict[str, str]
     text: Callable[[Printable, list[str], list[str]], list[str]]
+    functions: Mapping[str, str] = {}
     types: Mapping[str, tuple[str, str]] = {"float64": ("", "")}  # what @ and $ stand for, by dtype
     literal: str = "{}"
+    entry: Callable[[str, int], str] = "{}[{}]".format
 
 
+def _special(less: str, where: str, infinity: str, nan: str) -> dict[str, str]:
+    """Texts of comparisons, choices and constants that are not finite."""
+    return {"less": less, "less_equal": less.replace(" < ", " <= "), "where": where, "inf": infinity, "nan": nan}
+
+
+IN_NUMPY = {name: f"np.{name}({{}})" for name in ("sin", "cos", "sqrt", "tanh", "exp", "sign", "abs")}
+IN_NUMPY |= {name: f"np.{name}({{}}, {{}})" for name in ("minimum", "maximum", "arctan2")}
+IN_NUMPY |= {name: f"np.{name}({{}}, {{}}).astype(float)" for name in ("less", "less_equal")}
+IN_NUMPY |= {"where": "np.where({} != 0, {}, {})", "inf": "np.inf", "nan": "np.nan"}
+IN_MATLAB = {
+    "less": "double({} < {})",
+    "less_equal": "double({} <= {})",
+    "where": "where({}, {}, {})",
+    "sqrt": "root({})",
+}
+IN_C = LIBM | _special("(@)({} < {})", "({} != 0 ? {} : {})", "INFINITY", "NAN")
+LIMITS = "std::numeric_limits<@>::infinity()", "std::numeric_limits<@>::quiet_NaN()"
+IN_CPP = {kind: f"std::{call.replace('$', '')}" for kind, call in LIBM.items()}
+IN_CPP |= _special("static_cast<@>({} < {})", "({} != 0 ? {} : {})", *LIMITS)
+IN_RUST = {kind: f"unsafe {{{{ {call} }}}}" for kind, call in LIBM.items()} | _special(
+    "(if {} < {} {{ 1.0 }} else {{ 0.0 }})", "(if {} != 0.0 {{ {} }} else {{ {} }})", "@::INFINITY", "@::NAN"
+)
+C_TYPES = {"float64": ("double", ""), "float32": ("float", "f")}
 LANGUAGES = {
-    "python": Language("{}[{}]".format, {}, _python),
-    "numpy": Language(
-        "{}[..., {}]".format,
-        {
-            **{name: f"np.{name}({{}})" for name in ("sin", "cos", "sqrt", "tanh", "exp", "sign", "abs")},
-            **{name: f"np.{name}({{}}, {{}})" for name in ("minimum", "maximum", "arctan2")},
-            "less": "np.less({}, {}).astype(float)",
-            "less_equal": "np.less_equal({}, {}).astype(float)",
-            "where": "np.where({} != 0, {}, {})",
-            "inf": "np.inf",
-            "nan": "np.nan",
-        },
-        _numpy,
-    ),
-    "matlab": Language(
-        lambda name, k: f"{name}({k + 1})",
-        {"less": "double({} < {})", "less_equal": "double({} <= {})", "where": "where({}, {}, {})", "sqrt": "root({})"},
-        _matlab,
-    ),
-    "c": Language(
-        "{}[{}]".format,
-        {
-            **LIBM,
-            "inf": "INFINITY",
-            "nan": "NAN",
-            "less": "(@)({} < {})",
-            "less_equal": "(@)({} <= {})",
-            "where": "({} != 0 ? {} : {})",
-        },
-        _c,
-        {"float64": ("double", ""), "float32": ("float", "f")},
-        "{}$",
-    ),
-    "c++": Language(
-        "{}[{}]".format,
-        {
-            **{kind: f"std::{call.replace('$', '')}" for kind, call in LIBM.items()},
-            "inf": "std::numeric_limits<@>::infinity()",
-            "nan": "std::numeric_limits<@>::quiet_NaN()",
-            "less": "static_cast<@>({} < {})",
-            "less_equal": "static_cast<@>({} <= {})",
-            "where": "({} != 0 ? {} : {})",
-        },
-        _cpp,
-        {"float64": ("double", ""), "float32": ("float", "f")},
-        "{}$",
-    ),
-    "rust": Language(
-        "{}[{}]".format,
-        {
-            **{kind: f"unsafe {{{{ {call} }}}}" for kind, call in LIBM.items()},
-            "inf": "@::INFINITY",
-            "nan": "@::NAN",
-            "less": "(if {} < {} {{ 1.0 }} else {{ 0.0 }})",
-            "less_equal": "(if {} <= {} {{ 1.0 }} else {{ 0.0 }})",
-            "where": "(if {} != 0.0 {{ {} }} else {{ {} }})",
-        },
-        _rust,
-        {"float64": ("f64", ""), "float32": ("f32", "f")},
-    ),
+    "python": Language(_python),
+    "numpy": Language(_numpy, IN_NUMPY, entry="{}[..., {}]".format),
+    "matlab": Language(_matlab, IN_MATLAB, entry=lambda name, k: f"{name}({k + 1})"),
+    "c": Language(_c, IN_C, C_TYPES, "{}$"),
+    "c++": Language(_cpp, IN_CPP, C_TYPES, "{}$"),
+    "rust": Language(_rust, IN_RUST, {"float64": ("f64", ""), "float32": ("f32", "f")}),
 }
 
 
 def quantity_of_element(element: str) -> str:
     """Quantity of an entry, by the letters of its name; ValueError if there is none."""
-    letters = re.sub(r"[0-9_]*$", "", element)
-    for quantity, known in LETTERS.items():
-        if letters == known:
-            return quantity
-    raise ValueError(f"`element` must start with one of {list(LETTERS.values())}, got {element!r}")
+    quantities = {letters: quantity for quantity, letters in LETTERS.items()}
+    if (letters := re.sub(r"[0-9_]*$", "", element)) not in quantities:
+        raise ValueError(f"`element` must start with one of {list(quantities)}, got {element!r}")
+    return quantities[letters]
 
 
 def entry_of_element(element: str, quantity: str, shape: Sequence[int]) -> tuple[int, ...]:
-    """Index of an entry in a result of some shape, from 0; a ValueError if there is none.
-
-    An entry is named by the letters of the quantity and the joints' numbers from 1: "m23", "c3" or, beyond nine joints,
-    "m2_13".
-
-    Examples
-    --------
-    >>> from rne.kernels.source import entry_of_element
-    >>> entry_of_element("m23", "mass_matrix", (6, 6))
-    (1, 2)
-    """
+    """Index of an entry such as "m23", "c3" or, beyond nine joints, "m2_13": (1, 2), (2,), (1, 12)."""
     if quantity not in LETTERS:
         raise ValueError(f"`element` is for {', '.join(LETTERS)}; entries of {quantity} have no names")
     letters = LETTERS[quantity]
@@ -510,11 +462,7 @@ def entry_of_element(element: str, quantity: str, shape: Sequence[int]) -> tuple
 def heading(
     model: Model, quantity: str, arguments: Sequence[str], entry: tuple[int, ...] | None, wrenches: Mapping[str, str]
 ) -> list[str]:
-    """Lines of the comment, without the language's comment signs.
-
-    `quantity` has "by" and the arguments of a derivative; of a single `entry` its place is printed; `wrenches` are the
-    arguments that are wrenches, each with its link.
-    """
+    """Lines of the comment, without comment signs; `wrenches` has the link of each argument that is a wrench."""
     sliding = [not model.is_revolute[i] for i in model.independent_joints]
     what = f"{harmless(quantity)} of robot {harmless(model.name)}"
     if entry is not None:

@@ -58,7 +58,7 @@ def scene_to_casadi(kernel: Any, name: str, symbolic: str, steps: int | None) ->
 
 
 def _casadi(name: str, symbolic: str) -> Any:
-    """Package casadi, if installed; refuses invalid names and types."""
+    """Package casadi, with errors if it is not installed, or the name or the type is invalid."""
     try:
         import casadi
     except ImportError:

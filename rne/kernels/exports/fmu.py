@@ -91,10 +91,8 @@ class MockupUnit:
     def source(self, version: str, token: str) -> str:
         """Text in C."""
         starts = np.array([v.start or 0.0 for v in self.variables])
-        lines = [
-            f"/* {self.description}: Functional Mock-up Unit, FMI {version} */",
-            *(f"#include <{h}>" for h in HEADERS),
-        ]
+        lines = [f"/* {self.description}: Functional Mock-up Unit, FMI {version} */"]
+        lines += [f"#include <{header}>" for header in HEADERS]
         lines += [f"#define {name} {text}" for name, text in {"TOKEN": f'"{token}"', **self.macros}.items()]
         lines += [f"enum {{ {', '.join(f'{name} = {count}' for name, count in self.sizes.items())} }};"]
         for name, array in {**self.arrays, "starts": starts}.items():
@@ -114,13 +112,9 @@ class MockupUnit:
         units = [_unit(text) for text in dict.fromkeys(v.unit for v in self.variables if v.unit)]
         experiment: dict[str, Any] = {"startTime": 0.0, "stopTime": 1.0, "tolerance": TOLERANCE}
         experiment |= {} if self.sample_time is None else {"stepSize": self.sample_time}
-        marks = {
-            "fmiVersion": version,
-            "modelName": self.name,
-            "description": self.description,
-            "generationTool": "rne",
-        }
-        marks |= {"guid" if is_2 else "instantiationToken": token, "variableNamingConvention": "structured"}
+        marks = {"fmiVersion": version, "modelName": self.name, "description": self.description}
+        marks |= {"generationTool": "rne", "guid" if is_2 else "instantiationToken": token}
+        marks |= {"variableNamingConvention": "structured"}
         marks |= {"numberOfEventIndicators": str(len(self.stops))} if is_2 else {}
         parts = [
             _element("ModelExchange", can, sources),
@@ -137,13 +131,10 @@ class MockupUnit:
         outputs = [k for k, v in enumerate(self.variables) if v.causality == "output"]
         rates = [k for k, v in enumerate(self.variables) if v.of is not None]
         states = [v.of for v in self.variables if v.of is not None]
-        named: dict[str, Iterable[int]] = {
-            "Output": outputs,
-            "Derivative" if is_2 else "ContinuousStateDerivative": rates,
-        }
-        named |= {"InitialUnknown": sorted({*outputs, *rates, *states})} | (
-            {} if is_2 else {"EventIndicator": self.stops}
-        )
+        named: dict[str, Iterable[int]] = {"Output": outputs}
+        named["Derivative" if is_2 else "ContinuousStateDerivative"] = rates
+        named["InitialUnknown"] = sorted({*outputs, *rates, *states})
+        named |= {} if is_2 else {"EventIndicator": self.stops}
         found, place = [], "index" if is_2 else "valueReference"
         for tag, places in named.items():
             by = self.initial if tag == "InitialUnknown" else self.depends
@@ -185,9 +176,9 @@ def this_machine() -> str:
 
 
 def binaries(source: bytes, name: str, asked: Sequence[str], *, must: bool) -> dict[str, bytes]:
-    """Shared libraries of a text by platform: by Zig's compiler, otherwise by this machine's for itself.
+    """Shared libraries of a text by platform, built by Zig's compiler, or by this machine's for itself.
 
-    Those that no compiler is there for are an error if they `must` be, else a line on the logger.
+    A platform without a compiler is an error if it `must` be built, otherwise a warning on the logger.
     """
     own = os.environ.get("CC") or next(filter(shutil.which, ("cc", "gcc", "clang")), "")
     has_zig, found = importlib.util.find_spec("ziglang") is not None, dict[str, bytes]()
@@ -238,15 +229,12 @@ def _variable(k: int, v: Variable, *, is_2: bool) -> ElementTree.Element:
 def _unit(text: str) -> ElementTree.Element:
     """Unit of products and powers, such as N.m.s/rad, with the exponents of SI units."""
     above, _, below = text.partition("/")
-    parts = [
-        (name, sign * int(power or 1))
-        for half, sign in ((above, 1), (below, -1))
-        for name, power in re.findall(r"([A-Za-z]+)(\d*)", half)
-    ]
-    total = np.array([power * np.array(EXPONENTS[name]) for name, power in parts]).sum(axis=0)
-    return _element(
-        "Unit", {"name": text}, [_element("BaseUnit", {k: x for k, x in zip(EXPONENTS, total, strict=False) if x})]
-    )
+    total = np.zeros(len(EXPONENTS["kg"]), dtype=int)
+    for half, sign in ((above, 1), (below, -1)):
+        for name, power in re.findall(r"([A-Za-z]+)(\d*)", half):
+            total += sign * int(power or 1) * np.array(EXPONENTS[name])
+    powers = {name: power for name, power in zip(EXPONENTS, total, strict=False) if power}
+    return _element("Unit", {"name": text}, [_element("BaseUnit", powers)])
 
 
 def _literal(array: Array) -> str:

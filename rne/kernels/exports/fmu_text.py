@@ -424,12 +424,10 @@ EnterStepMode(): return Error;
 ActivateModelPartition(Reference clock, double t): return Error;
 """,
 }
+INTEGERS = {f"{u}Int{k}": f"{u.lower()}int{k}_t" for u in ("", "U") for k in (8, 16, 32, 64)}
 ABSENT = {
     "2.0": {"Integer": "int", "Boolean": "Flag", "String": "char *"},
-    "3.0": {"Float32": "float", "String": "char *"},
-}
-ABSENT["3.0"] |= {f"{u}Int{k}": f"{u.lower()}int{k}_t" for u in ("", "U") for k in (8, 16, 32, 64)} | {
-    "Boolean": "bool"
+    "3.0": {"Float32": "float", "String": "char *", **INTEGERS, "Boolean": "bool"},
 }
 
 

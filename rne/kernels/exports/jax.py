@@ -6,12 +6,11 @@ import importlib.util
 import operator
 from collections.abc import Callable, Sequence
 from functools import partial, reduce
-from types import SimpleNamespace
 from typing import Any
 
 from ...dynamics.quantity import common_leading_shape
 from ...graph.program import ON_ARRAYS, interpret
-from ..soundness import Trace
+from ..soundness import Conditions, Trace
 from .rules import BACKWARDS, FORWARDS, Rules
 
 MODES = ("reverse", "forward")
@@ -101,7 +100,7 @@ def printed(trace: Trace, *arrays: Any) -> Any:
     found = interpret(trace.program, inputs, operations, float)
     columns = [jnp.broadcast_to(jnp.asarray(x, dtype), leading) for x in found]
     outputs = jnp.stack(columns) if columns else jnp.zeros((0, *leading), dtype)  # XLA computes them once
-    sound: Any = SimpleNamespace(
+    sound = Conditions(
         finite=lambda values: jnp.isfinite(jnp.asarray(values)).all(0),
         within=lambda values, bound: (jnp.asarray(values) ** 2).sum(0) <= bound**2,  # as machine code has it
         above=lambda values, factor, others: (values > factor * others).all(0),

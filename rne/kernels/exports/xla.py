@@ -1,6 +1,6 @@
 """Machine code called by XLA's typed foreign function interface: a handler in front of the program.
 
-The offsets are those of xla/ffi/api/c_api.h, version 0.3, on 64 bits. Minor versions add fields behind those there are.
+The offsets are those of xla/ffi/api/c_api.h, version 0.3, on 64 bits. Minor versions add fields at the end.
 """
 
 from __future__ import annotations
