@@ -39,7 +39,7 @@ class Sight:
     """Observation, information and reward in one state, traced as one function."""
 
     robot: Robot
-    link: int | None  # whose position counts; None for those of the joints
+    link: int | None  # whose position counts; None for positions of the joints
     up: Array | None  # of a swing-up: against gravity, over the height that counts as 1 [1/m]
     turns: Array  # True for joints without a range
     middle: Array
@@ -107,7 +107,7 @@ class ArmEnv(gymnasium.Env[Array, Array]):
     task : {"reach", "swing-up"}
         What is rewarded.
     link : str, optional
-        The link whose origin is to reach that of the goal, or whose height above the root link counts.
+        The link whose origin is to reach its place at the goal, or whose height above the root link counts.
     goal, start : array_like, shape (n,) or (2, n), optional
         Joint positions, or lowest and highest ones, between which each episode draws evenly; by default the ranges, -pi
         to pi where a joint has none. The height is 1 at the middle of `goal` [rad or m].
@@ -118,7 +118,7 @@ class ArmEnv(gymnasium.Env[Array, Array]):
     time_limit : float
         After which an episode is truncated [s].
     speed_limit : float or array_like, shape (n,), optional
-        Those of the robot if not given [rad/s or m/s].
+        By default the limits of the robot [rad/s or m/s].
     reward : callable, optional
         Another reward, f(q, qd, goal, action) of one state, all of shape (n,): a formula that can be traced.
 
@@ -129,7 +129,7 @@ class ArmEnv(gymnasium.Env[Array, Array]):
 
     Notes
     -----
-    Without its rotors, which few files have, a wrist is so light that its drives make it too fast at once.
+    Few files have rotors, and without them a wrist is so light that its drives exceed its speed limit at once.
 
     Examples
     --------
@@ -217,7 +217,7 @@ class ArmEnv(gymnasium.Env[Array, Array]):
         x, torques = self._x, action * self._effort
         if len(x) > 1 or self._robot.engine == "numba":
             self._stepper.into(x, torques, x)
-        else:  # by NumPy a state alone would have other last digits
+        else:  # with NumPy a single state would have other last digits
             self._x = self._stepper(np.repeat(x, 2, axis=0), np.repeat(torques, 2, axis=0))[:1]
         self._steps += 1
         self._x[new], self._steps[new] = started, 0
@@ -243,7 +243,7 @@ class ArmVectorEnv(VectorEnv[Array, Array, Array]):
     Parameters
     ----------
     num_envs : int
-        Number of arms; each has random numbers of its own.
+        Number of arms; each has separate random numbers.
     scene : Scene or Robot
         As `ArmEnv` takes it.
     task : {"reach", "swing-up"}

@@ -793,7 +793,7 @@ class TestLayout:
         robots.append(rne.Robot(straight_chain(2), "numba"))
         assert robots[1].engine == "numpy"
         assert caplog.messages == [
-            "engine 'numpy' runs in place of 'numba': this Python or NumPy has arrays of another layout"
+            "engine 'numpy' runs instead of 'numba': this Python or NumPy has arrays of another layout"
         ]
         s = states(2, 5)
         here, there = (

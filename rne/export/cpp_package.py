@@ -66,13 +66,13 @@ def cmake(
         A link on which a payload is an argument of the functions: mass, centre of mass and inertia in the link's frame.
     numbers : sequence of str
         Numbers of `Scene.numbers` that are further arguments, such as "gravity", "friction.viscous", "controller.kp",
-        and "payload.mass", its mass alone: centre and inertia about it are those of the scene's payload.
+        and "payload.mass", only its mass: the centre of mass and the inertia about it are the scene's.
     quantities : sequence of str, optional
-        Functions of ``rne.dynamics`` of joint arrays alone, "friction_torque" and "controller". By default inverse and
+        Functions of ``rne.dynamics`` of joint arrays only, "friction_torque" and "controller". By default inverse and
         forward dynamics, M, gravity and Coriolis torques, and the last two where a scene has them. The example is
         written if gravity torques and forward dynamics are among them.
     std : bool
-        True for `prediction` of an Identification: torques, then their standard deviations.
+        True to add `prediction` of an Identification: torques, then their standard deviations.
     dtype : {"float64", "float32"}
         Of all numbers.
     replace_others : bool
@@ -130,9 +130,10 @@ def package(
         raise ValueError(f"`std` is for an Identification, got {type(given).__name__}")
     functions = _named(given, payload, numbers)
     name = checked_name("namespace", namespace or identifier(functions.scene.robot.model.name))
-    if "forward_dynamics" in (_default(functions) if quantities is None else quantities):
+    quantities = _default(functions) if quantities is None else quantities
+    if "forward_dynamics" in quantities:
         _check_mass_matrix(functions.scene.resolved.robot)
-    kernels = {key: functions.kernel(key) for key in (_default(functions) if quantities is None else quantities)}
+    kernels = {key: functions.kernel(key) for key in quantities}
     if std:
         kernels["prediction"] = given.kernel(std=True)
     return _texts(functions, kernels, name, dtype)
@@ -159,7 +160,7 @@ def _named(given: Any, payload: str | None, numbers: Sequence[str]) -> NamedNumb
 
 
 def _check_mass_matrix(robot: Robot) -> None:
-    """Refuse forward dynamics if M, without the payload that is an argument, is singular at random positions."""
+    """Raise a ValueError if M, without a payload that is an argument, is singular at random positions."""
     q, limits = np.random.default_rng(SEED).uniform(-1, 1, (STATES, robot.n)), robot.model.coordinate_limits()
     found = robot.diagnose(np.clip(q, limits["lower"], limits["upper"]))  # beyond, closed linkages have no positions
     if not np.isfinite(found.condition).all():
@@ -206,7 +207,7 @@ def _texts(functions: NamedNumbers, kernels: Mapping[str, Kernel], name: str, dt
 
 
 def filled(text: str, fill: Mapping[str, str]) -> str:
-    """Template with words in place of those between signs of per cent, which may have such words themselves."""
+    """Template whose words between signs of per cent are filled in, also within what was filled in."""
     while re.search(MARKED, text):
         text = re.sub(MARKED, lambda found: fill[found[1]], text)
     return text
@@ -274,7 +275,7 @@ def _numbers(
             one = "take_payload({})" if name == "payload" else f"take<{width}>({{}})"
             given.append(f"static_cast<%REAL%>(row[{place}])" if name == "t" else one.format(at))
             place += width
-        tolerance = _tolerance(functions, arrays, dtype) if named[key].may_fail else _tolerance(functions, {}, dtype)
+        tolerance = _tolerance(functions, arrays if named[key].may_fail else {}, dtype)
         call = f"%NAME%::{key}({', '.join(given)})"
         calls.append(f"    for (const auto& row : {key}_rows)")
         calls.append(f'        compare("{key}", {call}, row + {place}, {tolerance!r});')

@@ -127,7 +127,7 @@ Array<rows, columns> to_eigen(const std::array<%REAL%, count>& x) noexcept
 """
 
 NUMBERS = """// written by rne
-// Numbers of the recursion in Python beside those of %NAME%.hpp: a row of arguments and results for each state.
+// Compares %NAME%.hpp with numbers of the recursion in Python: a row of arguments and results for each state.
 #include <%NAME%/%NAME%.hpp>
 #include <cmath>
 #include <cstdio>
@@ -193,7 +193,7 @@ TAKE_PAYLOAD = """
 
 EXAMPLE = """// written by rne
 // Gravity compensation at 1 kHz, with limits: the arm stays where it is, and can be led by hand.
-// Put the driver of your robot in place of `Arm`, which is simulated here.
+// Replace `Arm`, which is simulated here, by the driver of your robot.
 #include <%NAME%/%NAME%.hpp>
 #include <algorithm>
 #include <chrono>

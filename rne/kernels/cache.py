@@ -26,7 +26,8 @@ from .soundness import NeedsRecursion
 from .trace import by_recursion, takes_complex_steps, wrench_links
 
 # Counted on straight chains and on random ones: M with L^T D L takes fewer operations up to the first number of
-# joints, articulated bodies beyond the second.
+# joints, articulated bodies beyond the second. They lose about the same digits on few joints, and on long chains
+# articulated bodies lose fewer.
 FEW_JOINTS, MANY_JOINTS = 9, 20
 NOTHING: Mapping[str, Any] = {}
 SCENES, VARIANTS = 64, 16  # most kernels of scenes, and most derived robots, that are kept
@@ -57,11 +58,10 @@ class Recent(OrderedDict[K, V]):
 class KernelCache:
     """Cache that evaluates quantities of a model by kernels, traced on demand and kept.
 
-    For one state, the first call of a quantity runs the recursion, the second traces it, and from the third on the
-    kernel alone runs: for six joints 0.9 ms, 8 ms and 10 us; with LLVM 0.9 ms, 5 to 100 ms and 3 us. So whoever asks
-    once does not wait, and whoever asks often loses 0.9 ms. A batch of states is traced at its first call; states of
-    motions are left to the recursion until it has taken as long as tracing would. A scene traces what it integrates and
-    nothing else, so that its second run is as fast as its first. Recursion and kernel may differ in the last bits.
+    For one state, the first call of a quantity runs the recursion, the second traces it, and from the third on only
+    the kernel runs: for six joints 0.9 ms, 8 ms and 10 us; with LLVM 0.9 ms, 5 to 100 ms and 3 us. A batch of states is
+    traced at its first call; states of motions are left to the recursion until it has taken as long as tracing would. A
+    scene traces only what it integrates. Recursion and kernel may differ in the last bits.
     """
 
     def __init__(self, model: Model, engine: str = "numpy") -> None:
@@ -98,7 +98,7 @@ class KernelCache:
         key = key if order is None else (order, key)
         try:
             kernel = self._kernels.get(key)
-        except TypeError:  # an array or a list, which the function takes or refuses by its name
+        except TypeError:  # an array or a list, which has no hash
             return compile(function, self.model, engine=self.engine, **fixed)
         if kernel is None:
             if order not in (None, *MAKERS):
@@ -107,22 +107,14 @@ class KernelCache:
             kernel = self._kernels[key] = make(function, self.model, *wrt, engine=self.engine, **fixed)
         return kernel
 
-    def scene_kernel(self, function: Declared, *wrt: str, **fixed: Any) -> Kernel:
+    def scene_kernel(self, function: Declared, *wrt: str, order: str = "jacobian", **fixed: Any) -> Kernel:
         """Kernel of a function of a scene, which is equal by value; the 64 used last are kept."""
-        key = function, wrt, *fixed.items()
-        return self._scenes.get_or_make(key, lambda: Kernel(function, self.model, fixed, wrt, self.engine))
-
-    def scene_gradient(self, function: Declared, *wrt: str) -> Kernel:
-        """Kernel of the gradient of a scene's function, with weights as the last argument."""
-        key = function, wrt, "gradient"
-        return self._scenes.get_or_make(key, lambda: Kernel(function, self.model, {}, wrt, self.engine, "gradient"))
+        key = function, wrt, order, *fixed.items()
+        return self._scenes.get_or_make(key, lambda: Kernel(function, self.model, fixed, wrt, self.engine, order))
 
     def evaluate_some(self, function: Declared, *arrays: Array) -> Array:
-        """Quantity of a robot or a scene in states that are evaluated once, such as the energies of a motion.
-
-        By the recursion, until that has cost as much as OF_TRACING states.
-        """
-        kernel, key = self._kernels.get(function) or self._scenes.get((function, ())), ("some", function)
+        """Quantity of a robot or a scene in states evaluated once; by the recursion up to the cost of OF_TRACING."""
+        kernel, key = self._kernels.get(function) or self._scenes.get((function, (), "jacobian")), ("some", function)
         if kernel is None and not any(is_traced(a) for a in arrays):
             count = self._called.pop(key, 0) + OF_A_CALL + max(math.prod(a.shape[:-1]) for a in arrays)
             if self._called.get_or_make(key, lambda: count) <= OF_TRACING:
@@ -131,7 +123,7 @@ class KernelCache:
 
     def keep_scene(self, kernel: Kernel) -> None:
         """Keep a kernel of a scene under its function."""
-        key = kernel.function, kernel.wrt, *kernel.fixed.items()
+        key = kernel.function, kernel.wrt, "jacobian", *kernel.fixed.items()
         self._scenes.pop(key, None)
         self._scenes.get_or_make(key, lambda: kernel)
 
@@ -151,12 +143,7 @@ class KernelCache:
         link: str | None = None,
         point: tuple[float, ...] | None = None,
     ) -> Array:
-        """Quantity, or its derivatives by some arguments, for one state or a batch.
-
-        Any quantity but forward dynamics, whose result comes with a status. `wrt` names the arguments to differentiate
-        by, `external` has wrenches by link, `parameters` take the place of the model's, and a Jacobian is of a `point`
-        of `link`.
-        """
+        """Any quantity but forward dynamics, or its derivatives with respect to `wrt`, for one state or a batch."""
         fixed = NOTHING  # a dictionary for each call would cost 5 % of one
         if external is not None or parameters is not None:
             fixed, arrays = self._with_inputs(function, arrays, external, parameters)
@@ -211,14 +198,14 @@ class KernelCache:
     def _with_inputs(
         self, function: Declared, arrays: tuple[ArrayLike, ...], external: External | None, parameters: ArrayLike | None
     ) -> tuple[Mapping[str, Any], tuple[ArrayLike, ...]]:
-        """Inputs behind the joint arrays, as arguments of `compile`, and all arrays in the kernel's order."""
+        """Inputs other than joint arrays, as arguments of `compile`, and all arrays in the kernel's order."""
         inputs: dict[str, Any] = {}
         if external is not None:
             links = self._links.get(tuple(external)) if isinstance(external, Mapping) else None
             if links is None:
                 names = self.model.link_names
                 if not isinstance(external, Mapping) or not set(external) <= set(names):
-                    function.evaluate(self.model, *arrays, external=external)  # names what is wrong
+                    function.evaluate(self.model, *arrays, external=external)  # raises the error
                 links = self._links[tuple(external)] = tuple(sorted(external, key=names.index))
             if links:
                 inputs["external"], arrays = links, (*arrays, *[external[link] for link in links])
@@ -227,11 +214,7 @@ class KernelCache:
         return inputs, arrays
 
     def forward_kernel(self, **fixed: Any) -> Kernel:
-        """Kernel of forward dynamics by the method with fewer operations; `external`, `parameters` as in `compile`.
-
-        It is M with L^T D L for few joints, articulated bodies for many; in between both are counted. They lose
-        about the same digits on few joints, and on long chains articulated bodies lose fewer.
-        """
+        """Kernel of forward dynamics by the method with fewer operations; `external`, `parameters` as in `compile`."""
         inputs = tuple(fixed.items())
         kernel = self._forward.get(inputs)
         if kernel is None:
@@ -255,7 +238,7 @@ class KernelCache:
         return [forward_dynamics, articulated_forward_dynamics]
 
     def inverse_derivatives(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> tuple[Array, Array, Array]:
-        """Derivatives of inverse dynamics by q and by qd, and M, its derivative by qdd, each (..., n, n)."""
+        """Derivatives of inverse dynamics with respect to q, qd and qdd (which is M), each (..., n, n)."""
         slopes = self.evaluate_quantity(inverse_dynamics, q, qd, qdd, wrt=("q", "qd"))
         n = self.model.n
         dq, dqd = slopes[..., :n], slopes[..., n:]
@@ -263,7 +246,7 @@ class KernelCache:
         return dq, dqd, M if M.shape == dq.shape else np.broadcast_to(M, dq.shape).copy()
 
     def forward_derivatives(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> tuple[Array, PrecisionStatus]:
-        """Derivatives of forward dynamics by q, qd and tau side by side, (..., n, 3 n), and their status."""
+        """Derivatives of forward dynamics with respect to q, qd and tau, (..., n, 3 n), and their status."""
         function, wrt, arrays = self.forward_method, ("q", "qd", "tau"), (q, qd, tau)
         key = (function, *wrt)
         if key not in self._kernels and self._is_first_state(key, arrays, function, wrt):

@@ -24,14 +24,14 @@ def compile(function: Declared, model: Model, *, engine: str = "numpy", **fixed:
         The robot's parameters.
     engine : {"numpy", "numba"}
         Engine that runs the kernel. "numba" is machine code, compiled by LLVM at the first call of one state and at the
-        first batch, some 0.2 ms per operation, and kept on disk for other processes: in the platform's folder for
+        first batch, about 0.2 ms per operation, and kept on disk for other processes: in the platform's folder for
         caches, or that of the environment variable RNE_CACHE (empty: nowhere); ``rne cache`` shows it. In memory it
         lives as long as the kernel. It needs the extra `numba`: `pip install 'rne[numba]'`.
     **fixed
         Arguments other than joint arrays, such as `link="link_6"` for `rne.dynamics.jacobian`. Of `external` the names
         of the links, such as `external=["link_6"]`: their wrenches, each (..., 6), follow the joint arrays in order.
         With `parameters=True` the inertial parameters, (..., 10 nb) in the order of `Robot.parameters`, are the last
-        argument, in place of the model's; they are not checked to be those of possible bodies.
+        argument, instead of the model's; nothing checks that such bodies are possible.
 
     Returns
     -------
@@ -62,22 +62,19 @@ def derivative(function: Declared, model: Model, *wrt: str, engine: str = "numpy
 
     Parameters
     ----------
-    function : callable
-        One of this package's functions of a model and joint arrays, such as `rne.dynamics.inverse_dynamics`.
-    model : Model
-        The robot's parameters.
+    function, model : callable, Model
+        As in `compile`.
     *wrt : str
         Names of arguments, such as "q", "qd"; "external_1" for the wrench on the first link of `external`;
         "parameters" for the inertial parameters, with `parameters=True`.
-    engine : {"numpy", "numba"}
-        Engine that runs the kernel; see `compile`.
-    **fixed
-        Arguments other than joint arrays, as in `compile`.
+    engine, **fixed : str, Any
+        As in `compile`.
 
     Returns
     -------
     Kernel
-        Returns the derivatives along a further last axis: by the entries of the first argument, then of the second ...
+        It returns derivatives along a further last axis: with respect to the entries of the first argument, then of
+        the second ...
 
     Raises
     ------
@@ -104,17 +101,14 @@ def gradient(function: Declared, model: Model, *wrt: str, engine: str = "numpy",
     Parameters
     ----------
     function : callable
-        One of this package's functions of a model and joint arrays, such as `rne.dynamics.inverse_dynamics`, or your
-        own of one state, marked by `rne.traceable`. Its arguments are some of q, qd, qdd, qdr, qddr and tau, and it may
-        call methods of a Robot and functions of `rne.elementwise`.
+        As in `compile`, or your own function of one state, marked by `rne.traceable`. Its arguments are some of q, qd,
+        qdd, qdr, qddr and tau, and it may call methods of a Robot and functions of `rne.elementwise`.
     model : Model
         The robot's parameters.
     *wrt : str
         Names of arguments as in `derivative`; by default all of them.
-    engine : {"numpy", "numba"}
-        Engine that runs the kernel; see `compile`.
-    **fixed
-        Arguments other than joint arrays, as in `compile`.
+    engine, **fixed : str, Any
+        As in `compile`.
 
     Returns
     -------
@@ -144,21 +138,13 @@ def hessian(function: Declared, model: Model, *wrt: str, engine: str = "numpy", 
 
     Parameters
     ----------
-    function : callable
-        As in `gradient`, as are the other arguments.
-    model : Model
-        The robot's parameters.
-    *wrt : str
-        Names of arguments; by default all of them.
-    engine : {"numpy", "numba"}
-        Engine that runs the kernel.
-    **fixed
-        Arguments other than joint arrays.
+    function, model, *wrt, engine, **fixed : callable, Model, str, str, Any
+        As in `gradient`.
 
     Returns
     -------
     Kernel
-        As that of `gradient`; the result has shape (..., k, k) and is exactly symmetric.
+        As returned by `gradient`; the result has shape (..., k, k) and is exactly symmetric.
 
     Raises
     ------
@@ -176,20 +162,12 @@ def hessian(function: Declared, model: Model, *wrt: str, engine: str = "numpy", 
 
 
 def hessian_product(function: Declared, model: Model, *wrt: str, engine: str = "numpy", **fixed: Any) -> Kernel:
-    """Trace the Hessian of a weighted sum of a function's entries times a vector, some five times the function's work.
+    """Trace the Hessian of a weighted sum of a function's entries times a vector, about five times the function's work.
 
     Parameters
     ----------
-    function : callable
-        As in `gradient`, as are the other arguments.
-    model : Model
-        The robot's parameters.
-    *wrt : str
-        Names of arguments; by default all of them.
-    engine : {"numpy", "numba"}
-        Engine that runs the kernel.
-    **fixed
-        Arguments other than joint arrays.
+    function, model, *wrt, engine, **fixed : callable, Model, str, str, Any
+        As in `gradient`.
 
     Returns
     -------

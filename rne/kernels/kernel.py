@@ -59,7 +59,7 @@ LOGGER = logging.getLogger("rne")
 ENGINES = ("numpy", "numba")
 Run = Callable[[Sequence[Array], Array, Recursion], PrecisionStatus]  # (states, results, recursion)
 ALONE = 1  # number of threads
-NUMBERS = 2**24  # most derivatives stored at once, for operations too many to be written out
+NUMBERS = 2**24  # most derivatives stored at once, of functions too large to be written out
 FLOAT64, FLOAT32 = np.dtype("float64"), np.dtype("float32")
 
 
@@ -70,18 +70,15 @@ def engine_argument(engine: str) -> str:
     if engine == "numba" and importlib.util.find_spec("numba") is None:
         raise ImportError("engine 'numba' needs Numba, which is not installed: pip install 'rne[numba]'")
     if engine == "numba" and not array_layout.is_known():
-        LOGGER.warning("engine 'numpy' runs in place of 'numba': this Python or NumPy has arrays of another layout")
+        LOGGER.warning("engine 'numpy' runs instead of 'numba': this Python or NumPy has arrays of another layout")
         return "numpy"
     return engine
 
 
 def backends(engine: str) -> tuple[Callable[[Trace], Callable[..., Array]], Callable[[Trace], Any]]:
-    """Functions of an engine that compile a trace for one state, and a program for batches.
-
-    LLVM is imported when its first kernel is compiled.
-    """
+    """Functions of an engine that compile a trace for one state, and a program for batches."""
     if engine == "numba":
-        from . import llvm_backend
+        from . import llvm_backend  # LLVM is imported when its first kernel is compiled
 
         return llvm_backend.state_function, llvm_backend.BatchProgram
     return state_function, BlockProgram
@@ -156,7 +153,7 @@ class Kernel:
             check_own(self.function, self.model)
         self.widths = self._widths(widths)
         self._libraries: dict[tuple[int, bool], Any] = {}  # of `address`, by its arguments
-        self._coefficients: tuple[Any, Array] = None, NO_TABLE  # the numbers of the last run, and what they give
+        self._coefficients: tuple[Any, Array] = None, NO_TABLE  # numbers of the last run, and theirs
         self.table = NO_TABLE  # of the pieces of a motion through samples, where `piece` is an argument
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -253,32 +250,13 @@ class Kernel:
 
     @property
     def printable(self) -> Trace:
-        """Whole program, for callers that do not check its results: a TypeError if it has no value anywhere."""
+        """Whole program, for callers that do not check its results; a TypeError if they are finite nowhere."""
         if not self.traced.program.is_finite:
             raise TypeError(f"{self!r}: not written out, since it has a constant that is not finite")
         return self.whole
 
     def coefficients(self, numbers: Array) -> Array:
-        """Coefficients of the program computed from an argument constant over a run, such as a scene's numbers.
-
-        Parameters
-        ----------
-        numbers : ndarray, shape (..., p)
-            That argument.
-
-        Returns
-        -------
-        ndarray, shape (..., k)
-            What is computed of it alone; itself, of a kernel that has no such argument.
-
-        Examples
-        --------
-        >>> import rne
-        >>> dynamics = rne.Scene(rne.load("irb140"), friction=rne.Friction(viscous=2.0)).dynamics
-        >>> kernel = rne.kernels.Kernel(dynamics.right_hand_side, rne.irb140(), {})
-        >>> kernel.coefficients(dynamics.vector).tolist()
-        [2.0, 2.0, 2.0, 2.0, 2.0, 2.0]
-        """
+        """Inputs of the program, (..., k), computed from the argument constant over a run, (..., p), or that itself."""
         of_numbers = self._trace.of_numbers if self._trace else None
         if of_numbers is None:
             return numbers
@@ -300,10 +278,7 @@ class Kernel:
 
     @cached_property
     def fast_call(self) -> Callable[..., Array | None]:
-        """Fast path to a result; gives None for arguments other than plain float64 arrays.
-
-        It raises NeedsRecursion where the recursion must compute the state.
-        """
+        """Fast path to a result, as a call of `state_function`; None for other arguments than plain float64 arrays."""
         if self._trace is not None and self._trace.of_run is not None:
             return lambda *_: None
         if self.is_unrolled and self.engine == "numba":
@@ -319,11 +294,8 @@ class Kernel:
 
     @cached_property
     def state_function_unguarded(self) -> Callable[..., Array]:
-        """`state_function` without the check of joint velocities, which simulations make at their samples.
-
-        In Python what is the same over a run are arguments one by one.
-        """
-        if self.engine == "numpy":
+        """`state_function` without the check of joint velocities, which simulations make at their samples."""
+        if self.engine == "numpy":  # the numbers of a run are arguments one by one
             return state_function(self.traced.unguarded(), apart=True)
         return backends(self.engine)[0](self.traced.unguarded())
 
@@ -344,17 +316,17 @@ class Kernel:
         Parameters
         ----------
         lanes : int
-            States side by side that a call computes, 1 or ``rne.integrators.loops.LANES``.
+            Number of states that a call computes, 1 or ``rne.integrators.loops.LANES``.
         common : bool
-            False if what is the same over a run, such as the numbers of a scene, differs from lane to lane; it is
-            given as `coefficients` of the numbers, of shape (k,) where it is common.
+            False if numbers of a run, such as those of a scene, differ from state to state; they are given as
+            `coefficients` of the numbers, of shape (k,) where they are common.
 
         Returns
         -------
         int
             Address of int64 f(const double* a0, const double* a1, ..., double* out), valid as long as the kernel lives.
             It returns 1 if the result is sound, 0 if a state must be examined by a call of the kernel. Argument k has
-            the shape (width, lanes) in C order, `out` (entries, lanes).
+            shape (width, lanes) in C order, `out` (entries, lanes).
 
         Raises
         ------
@@ -371,12 +343,8 @@ class Kernel:
         if form not in self._libraries:
             from .llvm_backend import lanes_library
 
-            own = lanes == 1 and self.engine == "numba"
-            self._libraries[form] = (
-                self.state_function.library  # type: ignore[attr-defined]
-                if own
-                else lanes_library(self.traced, lanes, common=form[1])
-            )
+            known: Any = self.state_function if lanes == 1 and self.engine == "numba" else None
+            self._libraries[form] = known.library if known else lanes_library(self.traced, lanes, common=form[1])
         return int(self._libraries[form].address["function"])
 
     def __call__(self, *arguments: Any, out: Array | None = None, workers: int = ALONE) -> Array:
@@ -420,7 +388,7 @@ class Kernel:
         """Write the result into an array; with engine "numba" nothing is allocated.
 
         Looking `kernel.into` up compiles it: it is machine code that Python calls directly, in a name of yours as well.
-        States that the program refuses are computed by the function, with its errors and warnings.
+        States whose results may not be sound are computed by the function, with its errors and warnings.
 
         Parameters
         ----------
@@ -533,7 +501,7 @@ class Kernel:
 
     @cached_property
     def _values(self) -> Trace:
-        """Function itself as operations, whose derivatives are too many to be written out."""
+        """Operations of the function itself, where those of its derivatives are too many to be written out."""
         try:
             with np.errstate(all="ignore"):
                 return trace(replace(self.quantity, of_run=None), self.model, self._rest, is_large=True)
@@ -568,10 +536,10 @@ class Kernel:
         Parameters
         ----------
         language : {"python", "numpy", "matlab", "c", "c++", "rust"}
-            MATLAB runs in Octave too; "numpy" takes batches. Rust is of edition 2021, needs `core` alone, and calls
+            MATLAB runs in Octave too; "numpy" takes batches. Rust is of edition 2021, needs only `core`, and calls
             sin, cos, ... of libm. C++ is a header of C++17, with arrays of the standard library.
         element : str, optional
-            One entry alone, as in the thesis's appendix C, with the operations that it needs: "m23" of M, "c3" of
+            Only one entry, as in the thesis's appendix C, with the operations that it needs: "m23" of M, "c3" of
             C q', "g2" of g, "tau4" of inverse dynamics, "h1" of bias torques, "qdd5" of forward dynamics. Joints are
             counted from 1; beyond nine, "m2_13".
         dtype : {"float64", "float32"}
@@ -613,24 +581,7 @@ class Kernel:
         return to_source(printed, language, dtype)
 
     def printed(self, element: str | None = None) -> Printable:
-        """Printable form of the kernel, or one entry of its result, with the name and the comment of its text.
-
-        Parameters
-        ----------
-        element : str, optional
-            An entry, as of `source`.
-
-        Returns
-        -------
-        Printable
-            For the printers of ``rne.kernels.source``.
-
-        Examples
-        --------
-        >>> import rne
-        >>> rne.compile(rne.dynamics.gravity_torque, rne.irb140()).printed("g4").name
-        'g4'
-        """
+        """Printable form of the kernel, or of one entry of its result, with the name and the comment of its text."""
         name = re.sub("[ ,]+", "_", self._title)
         traced, title, entry = self.printable, name, None
         if element is not None:
@@ -669,7 +620,7 @@ class Kernel:
         return to_sympy(self)
 
     def to_casadi(self, name: str | None = None, symbolic: str = "SX") -> Any:
-        """The kernel as a CasADi function of one state, which CasADi differentiates, prints as C and saves by itself.
+        """Return the kernel as a CasADi function of one state, which CasADi can differentiate, print as C and save.
 
         Parameters
         ----------
@@ -682,7 +633,7 @@ class Kernel:
         -------
         casadi.Function
             Its arguments have the kernel's names, weights always among them; its `result` has the shape for one state.
-            Of more than two axes all but the last are one, row by row: poses of links stand below each other. Zeros of
+            Of more than two axes, all but the last are merged, row by row: poses of links are stacked. Zeros of
             Jacobians and Hessians are structural. It checks nothing, neither NaN nor a singular M.
 
         Raises
@@ -702,12 +653,12 @@ class Kernel:
         return to_casadi(self, own.strip("_") if name is None else name, symbolic)
 
     def to_jax(self, mode: str = "reverse") -> Callable[..., Any]:
-        """The kernel as a function of JAX, for jit, vmap and derivatives of first and second order.
+        """Return the kernel as a function of JAX, for jit, vmap and derivatives of first and second order.
 
-        By engine "numba", XLA calls machine code on a CPU, and derivatives are kernels of their own, compiled when they
-        are first asked for. By "numpy", and on other devices, it is the program in jax.numpy: every transformation
-        works in both modes, but its compilation takes seconds, that of its derivatives a minute where a kernel is
-        called several times, as by a Runge-Kutta step; within an inner `jax.lax.scan` it is compiled once.
+        With engine "numba", XLA calls machine code on a CPU, and derivatives are separate kernels, compiled when they
+        are first needed. With "numpy", and on other devices, it is the program in jax.numpy: every transformation
+        works in both modes, but compilation takes seconds, and for derivatives a minute where a kernel is called
+        several times, as by a Runge-Kutta step; within an inner `jax.lax.scan` it is compiled once.
 
         ==============  =====================  =======  =================================  ======================
         machine code    grad, vjp, jacrev      jvp,     second order                       the same of a lax.scan
@@ -717,7 +668,7 @@ class Kernel:
         mode="forward"  by the Jacobian        yes      hessian and any mix                of jacfwd only
         ==============  =====================  =======  =================================  ======================
 
-        What does not work is an error of JAX's, on "forward-mode autodiff", "custom_lin" or the "FFI call".
+        Other combinations raise an error of JAX about "forward-mode autodiff", "custom_lin" or the "FFI call".
 
         Parameters
         ----------
@@ -729,8 +680,8 @@ class Kernel:
         callable
             Of arrays (..., width) in the order of `names`, as a call of the kernel, in their dtype: float32, or float64
             with JAX's option jax_enable_x64. States that the kernel would refuse or examine are NaN: where few digits
-            are left, as M is nearly singular, and in forward dynamics where the root sum of squares of the joint
-            velocities exceeds eps^(-1/4), 54 in float32 and 8192 in float64. Float32 meets both far sooner.
+            remain because M is nearly singular, and in forward dynamics where the root sum of squares of the joint
+            velocities exceeds eps^(-1/4), 54 in float32 and 8192 in float64. In float32 both occur far sooner.
 
         Raises
         ------
@@ -747,14 +698,14 @@ class Kernel:
         return to_jax(self, mode)
 
     def to_torch(self) -> Callable[..., Any]:
-        """The kernel as a function of PyTorch, with derivatives of first and second order by further kernels.
+        """Return the kernel as a function of PyTorch, with derivatives of first and second order by further kernels.
 
         Returns
         -------
         callable
             Of tensors (..., width) on the CPU, in the order of `names`. The kernel reads and writes the memory of
             float64 and float32, without copies if they are contiguous; float16 and bfloat16 are computed in float32 and
-            returned in their own type. Its errors are those of a call, and a TypeError for complex tensors.
+            returned in the given type. It raises the errors of a call, and a TypeError for complex tensors.
 
         Raises
         ------
@@ -771,10 +722,10 @@ class Kernel:
         return to_torch(self)
 
     def by_recursion(self, *arguments: Any) -> tuple[Array, PrecisionStatus]:
-        """Result and status of states that the program leaves to the function itself, or to its complex steps.
+        """Result and status of states by the function itself, or by its complex steps.
 
-        Of gradients, Hessians and what has no complex steps the function judges the state, and the operations that were
-        traced run in the dtype of the arguments.
+        Of gradients, Hessians and functions without complex steps, the function gives the status, and the traced
+        operations the result in the dtype of the arguments.
         """
         count = len(self.quantity.widths)
         given, further = arguments[:count], arguments[count:]
@@ -810,15 +761,12 @@ class Kernel:
             (a if a.shape[:-1] == leading else np.broadcast_to(a, (*leading, width))).reshape(count, width)
             for a, width in zip(arrays, self.widths, strict=True)
         ]
-        ready = states
-        if self.traced.of_run is not None:
-            k, ready = self.traced.of_run, [*states]
-            common = arrays[k].ndim == 1
-            ready[k] = self.coefficients(arrays[k].astype(dtype, copy=False) if common else states[k])
+        common = [a.astype(dtype, copy=False) if a.ndim == 1 else s for a, s in zip(arrays, states, strict=True)]
+        ready = self._ready(common)
 
         def by_function(begin: int, end: int) -> tuple[Array, PrecisionStatus]:
             for name, array, width in zip(self.names, arrays, self.widths, strict=True):
-                joint_array(name, array, self.model, width)  # names NaN by its index
+                joint_array(name, array, self.model, width)  # the error for NaN has its index
 
             def place(state: BatchIndex) -> BatchIndex:
                 k = begin + (state[0] if state else 0)
@@ -849,11 +797,7 @@ def _rows(arrays: Sequence[Array]) -> tuple[tuple[int, ...], Array]:
 
 
 def _fast_call(kernel: Kernel) -> Callable[..., Array | None]:
-    """`Kernel.fast_call` by NumPy's engine, for one state.
-
-    The checks are written out, because a loop over the arguments would cost as much as the kernel, which is compiled
-    at the first call.
-    """
+    """`Kernel.fast_call` by NumPy's engine, for one state, without a loop, which would cost as much as the kernel."""
 
     def first(*arrays: Array) -> Array:
         namespace["state"] = kernel.state_function
@@ -879,7 +823,7 @@ def _run_in_threads(
         return run(states, results, recursion)
 
     def run_part(first: int, last: int) -> PrecisionStatus:
-        arrays = [a[first:last] if a.ndim > 1 else a for a in states]  # those of one axis are common to all
+        arrays = [a[first:last] if a.ndim > 1 else a for a in states]  # vectors are common to all states
         return run(arrays, results[first:last], lambda i, j: recursion(first + i, first + j))
 
     own, *others = itertools.pairwise(count * k // workers for k in range(workers + 1))

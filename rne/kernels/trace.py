@@ -1,6 +1,6 @@
 """Tracing of a function of a model to a program: its core is run on traced numbers.
 
-A function takes wrenches as a mapping of links, and its model has the inertial parameters. A kernel takes arrays alone
+A function takes wrenches as a mapping of links, and its model has the inertial parameters. A kernel takes only arrays
 (`inputs_as_arrays`), so that many loads, or many variants of a robot, are one batch.
 """
 
@@ -35,10 +35,7 @@ STEP = 1e-30  # length of complex steps: its square vanishes relative to 1, so n
 
 
 def declared(function: Any) -> Declared:
-    """Traceable function with its declaration; a TypeError for anything else.
-
-    One of this package's, or a user's own of joint arrays of one state, marked by `rne.traceable`.
-    """
+    """Function of this package, or a user's own marked by `rne.traceable`, with its declaration; else a TypeError."""
     quantity = getattr(function, "quantity", None)
     if isinstance(quantity, Quantity):
         if not quantity.returns_array:
@@ -49,8 +46,7 @@ def declared(function: Any) -> Declared:
     if not getattr(function, "traceable", False):
         raise TypeError(
             "`function` must be one of rne's functions of a model, such as rne.dynamics.mass_matrix, or one of joint "
-            "arrays marked by rne.traceable, "
-            f"got {function!r}"
+            f"arrays marked by rne.traceable, got {function!r}"
         )
     taken = inspect.signature(function).parameters.values()
     names = [p.name for p in taken if p.name in JOINT_ARGUMENTS or p.default is p.empty]
@@ -99,10 +95,10 @@ def trace(
     *,
     is_large: bool = False,
 ) -> Trace:
-    """Run the core on traced numbers, one state in a batch axis of length 1; differentiate by `wrt`, as in ORDERS.
+    """Run the core on traced numbers, as a batch of one state, and differentiate it with respect to `wrt`.
 
-    For a single `entry` of the result only the operations that it needs are kept. Raises TooLarge if the program has
-    too many operations, where it `is_large` only if the graph has.
+    Of a single `entry` of the result, only the operations that it needs are kept. Raises TooLarge if the program has
+    too many operations; where it `is_large`, only if the graph has.
     """
     widths = argument_widths(quantity, model)
     starts = dict(zip(widths, np.cumsum([0, *widths.values()]).tolist(), strict=False))
@@ -144,7 +140,7 @@ def trace(
 
 
 def run_core(quantity: Quantity, model: Model, arrays: Sequence[Any], fixed: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Results of the core at given parameters, or with masses moved inwards, where that changes nothing."""
+    """Results of the core at given parameters, or with masses moved inwards where that does not change them."""
     given = by_link(quantity, arrays, fixed)
     model = with_fewest_terms(model) if quantity.base_parameters else model
     if "parameters" in given:
@@ -174,12 +170,10 @@ def by_link(quantity: Quantity, arrays: Sequence[Any], named: Mapping[str, Any])
 
 
 def inputs_as_arrays(function: Declared, model: Model, fixed: Mapping[str, Any]) -> tuple[Quantity, dict[str, Any]]:
-    """Quantity of the function with further arrays behind its joint arrays: wrenches, then inertial parameters.
+    """Quantity with wrenches and inertial parameters as further arrays after its joint arrays, and the rest of `fixed`.
 
-    `fixed` may have `external`, a sequence of link names, whose wrenches are external_1, ... of shape (..., 6), and
-    `parameters`, True or False, of shape (..., 10 nb), or values of arrays; the rest of it is returned. A TypeError
-    says that the function takes no such input, or an argument is of another type, a ValueError that a link is unknown
-    or named twice.
+    `fixed` may have `external`, a sequence of link names, whose wrenches are external_1, ... of shape (..., 6),
+    `parameters`, True for an array of shape (..., 10 nb), and values of arrays.
     """
     quantity, rest = declared(function).quantity, dict(fixed)
     given = {name: width for name, width in quantity.widths.items() if name not in rest}  # the others have values
@@ -192,9 +186,8 @@ def inputs_as_arrays(function: Declared, model: Model, fixed: Mapping[str, Any])
         wrenches = {f"external_{k}": link for k, link in enumerate(links, 1)}
     taken = inspect.signature(quantity.core).parameters
     if "link" in taken and taken["link"].default is inspect.Parameter.empty and "link" not in rest:
-        raise TypeError(
-            f"rne.dynamics.{quantity.name} needs a link by name: link={model_argument(model).link_names[-1]!r}"
-        )
+        last = model_argument(model).link_names[-1]
+        raise TypeError(f"rne.dynamics.{quantity.name} needs a link by name: link={last!r}")
     if not isinstance(parameters, bool):
         raise TypeError(
             f"`parameters` of a kernel must be True or False, got {type(parameters).__name__}; the parameters "
@@ -210,7 +203,7 @@ def inputs_as_arrays(function: Declared, model: Model, fixed: Mapping[str, Any])
 def by_recursion(
     function: Declared, model: Model, arrays: Sequence[Any], wrt: Sequence[str], fixed: Mapping[str, Any]
 ) -> tuple[Array, PrecisionStatus]:
-    """Results of a kernel of the function by the function itself; derivatives `wrt` by complex step."""
+    """Results of a kernel by its function itself; derivatives with respect to `wrt` by complex steps."""
     quantity, rest = inputs_as_arrays(function, model, fixed)
 
     def evaluate(arrays: Sequence[Any]) -> tuple[Array, PrecisionStatus]:
@@ -218,7 +211,7 @@ def by_recursion(
             return function.evaluate(model, *arrays, **rest)
         return function.evaluate(model, **by_link(quantity, arrays, rest))
 
-    result, status = evaluate(arrays)  # names what is wrong with the arguments
+    result, status = evaluate(arrays)  # also checks the arguments
     if not wrt:
         return result, status
     names, arrays = list(quantity.widths), [np.asarray(a) for a in arrays]
@@ -257,7 +250,7 @@ def wrench_links(model: Model, external: Any) -> tuple[str, ...]:
 
 
 def named_by_function(quantity: Quantity, model: Model, arguments: Sequence[Any], error: ValueError) -> ValueError:
-    """Error of the function itself for these arguments, which names wrenches by links, or else the kernel's."""
+    """Error of the function itself for these arguments, with wrenches by their links, or else the kernel's."""
     if not quantity.wrenches:
         return error
     try:

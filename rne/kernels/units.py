@@ -1,15 +1,14 @@
 """Text in C or C++ of several kernels.
 
 `unit({"tau": kernel, "qdd": other}, name="ur10")` prints each kernel as a function `ur10_tau`, `ur10_qdd` in C, or as
-`ur10::tau`, `ur10::qdd` in C++. What they share stands once: lines of their comments at the top, and in C the helpers,
-which are static. The arguments of a function are those of its kernel, whether it reads them or not, so that the
-signature does not depend on the robot's numbers; `Unit.functions` has their names and lengths. Three rules differ from
-a kernel's call: arguments without entries are left out; the `piece` of a motion through samples is found by the
-function itself, at its argument t; and where M may be singular or a time may be outside the samples the function says
-so, in C by returning 1, with NaN in the result, in C++ by an empty std::optional. Functions have no memory, allocate
-nothing, and may be called from many threads.
+`ur10::tau`, `ur10::qdd` in C++. What they share is printed once: lines of their comments at the top, and in C the
+helpers, which are static. A function has the arguments of its kernel, whether it reads them or not, so that the
+signature does not depend on the robot's numbers. Three rules differ from a kernel's call: arguments without entries are
+left out; the function itself finds the `piece` of a motion through samples at its argument t; and where M may be
+singular or a time may be outside the samples the function reports failure, in C by returning 1, with NaN in the result,
+in C++ by an empty std::optional. Functions have no memory, allocate nothing, and may be called from many threads.
 
-Numbers that are to stay arguments are arguments of the kernels: see `rne.simulation.named_numbers`.
+Arguments for numbers of a robot or scene are arguments of the kernels: see `rne.simulation.named_numbers`.
 """
 
 from __future__ import annotations
@@ -62,60 +61,29 @@ def unit(
     members: Mapping[str, Sequence[str]] | None = None,
     inside: Sequence[str] = (),
 ) -> Unit:
-    """Kernels of one robot as functions of one text.
+    """Kernels of one robot, by the names of their functions, as functions of one text.
 
-    Parameters
-    ----------
-    kernels : mapping of str to Kernel
-        By the names of the functions.
-    language : {"c", "c++"}
-    name : str
-        What the names of functions begin with in C, and the namespace in C++.
-    dtype : {"float64", "float32"}
-        Of all numbers.
-    static : bool
-        True for functions in C that are known in their file alone; `source` then includes no header.
-    notes : sequence of str
-        Further lines of plain ASCII for the comment at the top.
-    members : mapping of str to sequence of str, optional
-        Arguments that are structures in C++: type, then what its entries are called.
-    inside : sequence of str
-        Lines in C++ before the functions, with @ for the type of numbers.
+    Names of functions begin with `name` in C; in C++ it is the namespace. Functions in C that are `static` need no
+    header. `notes` are further lines of plain ASCII for the comment at the top; `members` are arguments that are
+    structures in C++, each with its type and the names of its entries; `inside` are lines in C++ before the functions,
+    with @ for the type of numbers.
 
-    Returns
-    -------
-    Unit
-
-    Raises
-    ------
-    ValueError
-        If a name, the language or the dtype is none, or float32 cannot hold a constant.
-    TypeError
-        If a kernel is too large to be written out.
-
-    Examples
-    --------
-    >>> import rne
-    >>> from rne.kernels.units import unit
-    >>> unit({"g": rne.load("irb140").kernel(rne.dynamics.gravity_torque)}, name="arm").functions["g"].name
-    'arm_g'
+    Raises a ValueError if a name, the language or the dtype is none, or float32 cannot hold a constant, a TypeError if
+    a kernel is too large to be written out.
     """
     checked_name("name", name)
-    is_c, found = language == "c", list[Printable]()
-    parts = []
+    is_c, parts = language == "c", []
     for key, kernel in kernels.items():
-        own = f"{name}_{key}" if is_c else key
-        printed = kernel.printed()._replace(name=checked_name("kernels", own, kernel.names), members=members or {})
-        printed = printed._replace(namespace="" if is_c else name, looks_up=len(kernel.table) > 0)
-        parts.append(written(printed, language, dtype))
-        found.append(parts[-1].printable)
+        own = checked_name("kernels", f"{name}_{key}" if is_c else key, kernel.names)
+        how = {"namespace": "" if is_c else name, "looks_up": len(kernel.table) > 0, "members": members or {}}
+        parts.append(written(kernel.printed()._replace(name=own, **how), language, dtype))
+    found = [part.printable for part in parts]
     common = [line for line in found[0].heading if all(line in p.heading for p in found)] if found else []
     top = [*notes, *common]
     sign, prefix = ("/* {} */", "static " * static) if is_c else ("// {}", "")
     comments = [[sign.format(line) for line in p.heading if line not in common] for p in found]
-    functions = {
-        key: UnitFunction(p.name, taken(p), p.shape, may_fail(p)) for key, p in zip(kernels, found, strict=True)
-    }
+    named = zip(kernels, found, strict=True)
+    functions = {key: UnitFunction(p.name, taken(p), p.shape, may_fail(p)) for key, p in named}
     finished = parts[0].finished
     if not is_c:
         texts = [[*lines, *cpp_function(*part[:3])] for lines, part in zip(comments, parts, strict=True)]
@@ -126,14 +94,11 @@ def unit(
     every = [line for part in parts for line in (*part.lines, *part.outputs)]
     head = [*map(sign.format, top), *included, "", *c_helpers(every, [])]
     source = finished([*head[:-1], *(line for text in texts for line in text), ""])
-    declared = [
-        [*lines, f"/* {sized(p)} */", f"{c_signature(p)};", ""] for lines, p in zip(comments, found, strict=True)
-    ]
     guard = f"{name.upper()}_H"
-    head = [*map(sign.format, top), f"#ifndef {guard}", f"#define {guard}", *OPENED, ""]
-    return Unit(
-        functions, finished([*head, *(line for text in declared for line in text), *CLOSED, "#endif", ""]), source
-    )
+    header = [*map(sign.format, top), f"#ifndef {guard}", f"#define {guard}", *OPENED, ""]
+    for lines, p in zip(comments, found, strict=True):
+        header += [*lines, f"/* {sized(p)} */", f"{c_signature(p)};", ""]
+    return Unit(functions, finished([*header, *CLOSED, "#endif", ""]), source)
 
 
 OPENED = "#ifdef __cplusplus", 'extern "C" {', "#endif"

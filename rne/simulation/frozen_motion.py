@@ -161,7 +161,7 @@ class FrozenScene:
     @cached_property
     def gradient(self) -> Kernel:
         """Gradient of dx/dt with respect to the state, commands, and pieces and numbers if asked for."""
-        return self.scene.kernels.scene_gradient(self.dynamics.right_hand_side, *self._wrt(self.kernel))
+        return self.scene.kernels.scene_kernel(self.dynamics.right_hand_side, *self._wrt(self.kernel), order="gradient")
 
     def _wrt(self, kernel: Kernel) -> tuple[str, ...]:
         asked = {"piece": any(map(self.samples_of, self.names)), "numbers": bool({*self.names} - {*STARTS})}
@@ -177,7 +177,7 @@ class FrozenScene:
         """Gradient of the sampled law with respect to the state, and pieces and numbers if asked for."""
         if self.law is None or self.law_kernel is None:
             return None
-        return self.scene.kernels.scene_gradient(self.law.outputs, *self._wrt(self.law_kernel))
+        return self.scene.kernels.scene_kernel(self.law.outputs, *self._wrt(self.law_kernel), order="gradient")
 
     @cached_property
     def of_bodies(self) -> dict[str, dict[str, Array]]:
