@@ -148,7 +148,7 @@ def test_two_robots_in_one_library(dtype, tmp_path, arm):
     real = {"float64": ctypes.c_double, "float32": ctypes.c_float}[dtype]
     for key, function in texts[0].functions.items():
         state = {"q": q[0], "qd": qd[0], "qdd": qdd[0], "tau": 30 * qdd[0], **numbers}
-        given = [state[name].astype(dtype) for name in function.arguments]
+        given = [state[name].astype(dtype) for name in function.taken]
         out = np.zeros(function.shape, dtype)
         pointers = [a.ctypes.data_as(ctypes.POINTER(real)) for a in (*given, out)]
         failed = getattr(library, function.name)(*pointers)

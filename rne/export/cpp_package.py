@@ -17,8 +17,8 @@ from ..basics.spatial import Array
 from ..basics.text import UNITS
 from ..identification import Identification
 from ..kernels.kernel import Kernel
-from ..kernels.source import checked_name, harmless, identifier
-from ..kernels.units import UnitFunction, unit
+from ..kernels.source import Printable, checked_name, harmless, identifier
+from ..kernels.units import unit
 from ..robot import Robot
 from ..simulation.named_numbers import NamedNumbers, plain_name
 from ..simulation.scene import Payload, Scene
@@ -242,11 +242,11 @@ def _character(byte: int) -> str:
     return chr(byte) if re.match(r"[A-Za-z0-9_.+ -]", chr(byte), re.ASCII) else f"\\{byte:03o}"
 
 
-def _with_eigen(key: str, function: UnitFunction) -> str:
+def _with_eigen(key: str, function: Printable) -> str:
     """Function of Eigen's types."""
     kinds = {"payload": "const Payload& ", "t": "%REAL% "}
-    taken = ", ".join(f"{kinds.get(name, f'const Given<{w}>& ')}{name}" for name, w in function.arguments.items())
-    given = [name if name in kinds else f"to_array<{w}>({name})" for name, w in function.arguments.items()]
+    taken = ", ".join(f"{kinds.get(name, f'const Given<{w}>& ')}{name}" for name, w in function.taken.items())
+    given = [name if name in kinds else f"to_array<{w}>({name})" for name, w in function.taken.items()]
     call, rows, columns = f"%NAME%::{key}({', '.join(given)})", prod(function.shape[:-1]), [*function.shape[-1:], 1][0]
     size = f"{columns}, 1" if len(function.shape) == 1 else f"{rows}, {columns}"
     found = "%REAL%" if not (function.shape or function.may_fail) else f"Array<{size}>"
@@ -259,18 +259,18 @@ def _with_eigen(key: str, function: UnitFunction) -> str:
 
 
 def _numbers(
-    functions: NamedNumbers, kernels: Mapping[str, Kernel], named: Mapping[str, UnitFunction], dtype: str
+    functions: NamedNumbers, kernels: Mapping[str, Kernel], named: Mapping[str, Printable], dtype: str
 ) -> tuple[str, str]:
     """Rows of arguments and results of the recursion, and calls that compare with them."""
     rows, calls = list[str](), list[str]()
     for key, kernel in kernels.items():
         arrays = _arguments(functions, kernel, dtype)
         result = kernel.by_recursion(*(arrays[name] for name in kernel.names))[0].reshape(STATES, -1)
-        table = np.concatenate([*(arrays[name] for name in named[key].arguments), result], axis=1)
+        table = np.concatenate([*(arrays[name] for name in named[key].taken), result], axis=1)
         texts_of = ",\n".join("    {" + ", ".join(map(repr, row)) + "}" for row in table.tolist())
         rows.append(f"const double {key}_rows[][{table.shape[1]}] = {{\n{texts_of},\n}};")
         given, place = list[str](), 0
-        for name, width in named[key].arguments.items():
+        for name, width in named[key].taken.items():
             at = f"row + {place}"
             one = "take_payload({})" if name == "payload" else f"take<{width}>({{}})"
             given.append(f"static_cast<%REAL%>(row[{place}])" if name == "t" else one.format(at))
@@ -313,10 +313,10 @@ def _tolerance(functions: NamedNumbers, arrays: Mapping[str, Array], dtype: str)
     return float(TOLERANCE * robot.n * np.finfo(dtype).eps * growth)
 
 
-def _example(functions: NamedNumbers, named: Mapping[str, UnitFunction]) -> dict[str, str]:
+def _example(functions: NamedNumbers, named: Mapping[str, Printable]) -> dict[str, str]:
     """Call in the example of gravity compensation, with the numbers of the scene."""
     numbers = {plain_name(name): functions.value(name) for name in functions.names}
-    used = {name for key in ("gravity_torque", "forward_dynamics") for name in named[key].arguments}
+    used = {name for key in ("gravity_torque", "forward_dynamics") for name in named[key].taken}
     arrays = {name: x for name, x in numbers.items() if name in used and name != "payload"}
     constants = [f"const std::array<%REAL%, {x.size}> {name}{{{{{_list(x)}}}}};\n" for name, x in arrays.items()]
     constants += ["const %NAME%::Payload payload{}; // without mass\n"] * ("payload" in used)
@@ -326,6 +326,6 @@ def _example(functions: NamedNumbers, named: Mapping[str, UnitFunction]) -> dict
     return {
         "EXAMPLE_NUMBERS": "".join(constants),
         "START": _list(middle),
-        "FORWARD": ", ".join({"tau": "torque"}.get(name, name) for name in named["forward_dynamics"].arguments),
-        "GRAVITY": ", ".join({"q": "arm.q"}.get(name, name) for name in named["gravity_torque"].arguments),
+        "FORWARD": ", ".join({"tau": "torque"}.get(name, name) for name in named["forward_dynamics"].taken),
+        "GRAVITY": ", ".join({"q": "arm.q"}.get(name, name) for name in named["gravity_torque"].taken),
     }

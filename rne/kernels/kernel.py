@@ -153,7 +153,7 @@ class Kernel:
             check_own(self.function, self.model)
         self.widths = self._widths(widths)
         self._libraries: dict[tuple[int, bool], Any] = {}  # of `address`, by its arguments
-        self._coefficients: tuple[Any, Array] = None, NO_TABLE  # numbers of the last run, and theirs
+        self._coefficients: tuple[Any, Array] = None, NO_TABLE  # of the last run: its numbers, and theirs
         self.table = NO_TABLE  # of the pieces of a motion through samples, where `piece` is an argument
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -250,7 +250,7 @@ class Kernel:
 
     @property
     def printable(self) -> Trace:
-        """Whole program, for callers that do not check its results; a TypeError if they are finite nowhere."""
+        """Whole program, for callers that do not check its results; a TypeError if a constant is not finite."""
         if not self.traced.program.is_finite:
             raise TypeError(f"{self!r}: not written out, since it has a constant that is not finite")
         return self.whole

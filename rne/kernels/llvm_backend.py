@@ -162,8 +162,7 @@ def emit_rows(module: ir.Module, trace: Trace, dtype: str) -> ir.Function:
     loads = [partial(rows.load, k) for rows in read for k in range(rows.width)]
     sound = emit_group(emitter, trace, loads, written.store)
     following = builder.add(first, INTEGER(lanes))
-    overlapping = builder.sub(end, filled)
-    first.add_incoming(least(following, overlapping), after)
+    first.add_incoming(least(following, builder.sub(end, filled)), after)  # the last group overlaps the one before
     examined = builder.block
     unsound = builder.add(first, builder.cttz(builder.not_(builder.zext(sound, INTEGER)), ir.IntType(1)(1)))
     builder.cbranch(builder.icmp_unsigned("==", sound, ir.Constant(sound.type, -1)), after, stop)

@@ -76,6 +76,17 @@ class Printable(NamedTuple):
         return ", ".join(self.arguments)
 
     @property
+    def taken(self) -> dict[str, int]:
+        """Arguments of a function in C or C++ with their lengths; without empty ones and a piece that it looks up."""
+        pairs = zip(self.arguments, self.trace.widths, strict=True)
+        return {name: width for name, width in pairs if width and not (self.looks_up and name == "piece")}
+
+    @property
+    def may_fail(self) -> bool:
+        """True if a function in C returns int, 0 where there is a result, and one in C++ an optional."""
+        return bool(self.checks) or self.looks_up
+
+    @property
     def entries(self) -> list[tuple[int, ...]]:
         """Index of each entry of the result, row by row."""
         return list(product(*(range(size) for size in self.shape)))
@@ -126,7 +137,7 @@ def written(printable: Printable, language: str, dtype: str = "float64") -> Writ
     name = identifier(printable.name, printable.arguments)
     costs += [f"Save as {name}.m"] if language == "matlab" else []
     whole = printable._replace(name=name, heading=[*printable.heading, *_wrapped(costs)])
-    lines, outputs = expressions(program, inputs.__getitem__, FUNCTIONS | functions, number)
+    lines, outputs = expressions(program, inputs.__getitem__, {**FUNCTIONS, **functions}, number)
     if is_c:
         rows = [["-" * (x < 0) + number(abs(x)) for x in row] for row in printable.table.tolist()]
         results = [f"result[{k}]" for k in range(trace.entries)]
@@ -223,8 +234,8 @@ def c_helpers(lines: Sequence[str], outputs: Sequence[str]) -> list[str]:
 
 def c_signature(p: Printable) -> str:
     """Signature of a function in C."""
-    arguments = ", ".join([f"const @ *{name}" for name in taken(p)] + ["@ *result"])
-    return f"{'int' if may_fail(p) else 'void'} {p.name}({arguments})"
+    arguments = ", ".join([f"const @ *{name}" for name in p.taken] + ["@ *result"])
+    return f"{'int' if p.may_fail else 'void'} {p.name}({arguments})"
 
 
 def c_function(p: Printable, lines: Sequence[str], outputs: Sequence[str]) -> list[str]:
@@ -234,8 +245,8 @@ def c_function(p: Printable, lines: Sequence[str], outputs: Sequence[str]) -> li
     body += [f"const @ {line};" for line in lines]
     body += [f"result[{k}] = {x};" for k, x in enumerate(outputs)]
     body += [f"if (!({_each(p.checks)}))", *fail] if p.checks else []
-    body += ["return 0;"] * may_fail(p)
-    unread = [f"(void){name};" for name in [*taken(p), "result"] if not _reads(name, body)]
+    body += ["return 0;"] * p.may_fail
+    unread = [f"(void){name};" for name in [*p.taken, "result"] if not _reads(name, body)]
     return [f"/* {sized(p)} */", c_signature(p), "{", *_indented([*unread, *body]), "}"]
 
 
@@ -244,17 +255,6 @@ def _each(checks: Sequence[str]) -> str:
     kept = [check.replace(" ", "\0") for check in " && ".join(checks).split(" && ")]
     lines = textwrap.wrap(" &&\0".join(kept), WIDTH, break_long_words=False, break_on_hyphens=False)
     return "\n      ".join(lines).replace("\0", " ")
-
-
-def taken(p: Printable) -> dict[str, int]:
-    """Arguments of a function in C or C++ with their lengths; without empty ones and those found by it."""
-    pairs = zip(p.arguments, p.trace.widths, strict=True)
-    return {name: width for name, width in pairs if width and not (p.looks_up and name == "piece")}
-
-
-def may_fail(p: Printable) -> bool:
-    """True if a function in C or C++ reports failure."""
-    return bool(p.checks) or p.looks_up
 
 
 def _reads(name: str, lines: Sequence[str]) -> bool:
@@ -296,22 +296,22 @@ def cpp_header(name: str, functions: Sequence[Sequence[str]], top: Sequence[str]
 
 def cpp_function(p: Printable, lines: Sequence[str], outputs: Sequence[str]) -> list[str]:
     """Function in C++; one that may fail returns an optional array, which is empty where it does."""
-    found = f"std::array<@, {len(outputs)}>" if p.shape or may_fail(p) else "@"
+    found = f"std::array<@, {len(outputs)}>" if p.shape or p.may_fail else "@"
     body = [f"const auto {name} = {text};" for name, text in CPP.items() if _used([*lines, *outputs], {name: [text]})]
     fail = ["    return std::nullopt;", "}"]
     body += [f"const @* const piece = {p.name}_piece(t);", "if (piece == nullptr) {", *fail] if p.looks_up else []
     body += [f"const @ {line};" for line in lines]
     made = ",\n        ".join(outputs)
     made = f"{{\n        {made}}}" if outputs else ""
-    body += [f"const {found} result{{{made}}};"] if may_fail(p) else []
+    body += [f"const {found} result{{{made}}};"] if p.may_fail else []
     body += [f"if (!({_each(p.checks)})) {{", *fail] if p.checks else []
-    body += ["return result;" if may_fail(p) else f"return {found}{{{made}}};" if p.shape else f"return {outputs[0]};"]
+    body += ["return result;" if p.may_fail else f"return {found}{{{made}}};" if p.shape else f"return {outputs[0]};"]
     arguments = list[str]()
-    for name, width in taken(p).items():
+    for name, width in p.taken.items():
         kind = p.members[name][0] if name in p.members else f"std::array<@, {width}>"
         kind = "@" if name == "t" else f"const {kind}&"
         arguments.append(f"{kind} {name}" if _reads(name, body) else kind)
-    kind = f"std::optional<{found}>" if may_fail(p) else found
+    kind = f"std::optional<{found}>" if p.may_fail else found
     head = f"[[nodiscard]] inline {kind} {p.name}({', '.join(arguments)}) noexcept"
     table = c_look_up(p) if p.looks_up else []
     table = [f"inline {x}" if x.startswith("const") else x.replace(": 0;", ": nullptr;") for x in table]

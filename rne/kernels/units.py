@@ -26,26 +26,15 @@ from .source import (
     checked_name,
     cpp_function,
     cpp_header,
-    may_fail,
     sized,
-    taken,
     written,
 )
-
-
-class UnitFunction(NamedTuple):
-    """Function of a unit with the data that callers need."""
-
-    name: str  # in the text
-    arguments: Mapping[str, int]  # in order, with their lengths, before the result
-    shape: tuple[int, ...]  # of the result, row by row
-    may_fail: bool  # True if it returns int, 0 where there is a result
 
 
 class Unit(NamedTuple):
     """Text of several kernels; see `unit`."""
 
-    functions: Mapping[str, UnitFunction]
+    functions: Mapping[str, Printable]  # by their keys, with names as in the text
     header: str
     source: str  # in C; empty in C++, whose header is all
 
@@ -75,16 +64,14 @@ def unit(
     is_c, parts = language == "c", []
     for key, kernel in kernels.items():
         own = checked_name("kernels", f"{name}_{key}" if is_c else key, kernel.names)
-        how = {"namespace": "" if is_c else name, "looks_up": len(kernel.table) > 0, "members": members or {}}
-        parts.append(written(kernel.printed()._replace(name=own, **how), language, dtype))
+        printed = kernel.printed()._replace(name=own, members=members or {}, looks_up=len(kernel.table) > 0)
+        parts.append(written(printed._replace(namespace="" if is_c else name), language, dtype))
     found = [part.printable for part in parts]
     common = [line for line in found[0].heading if all(line in p.heading for p in found)] if found else []
     top = [*notes, *common]
     sign, prefix = ("/* {} */", "static " * static) if is_c else ("// {}", "")
     comments = [[sign.format(line) for line in p.heading if line not in common] for p in found]
-    named = zip(kernels, found, strict=True)
-    functions = {key: UnitFunction(p.name, taken(p), p.shape, may_fail(p)) for key, p in named}
-    finished = parts[0].finished
+    functions, finished = dict(zip(kernels, found, strict=True)), parts[0].finished
     if not is_c:
         texts = [[*lines, *cpp_function(*part[:3])] for lines, part in zip(comments, parts, strict=True)]
         return Unit(functions, finished([*cpp_header(name, [inside, *texts] if inside else texts, top), ""]), "")

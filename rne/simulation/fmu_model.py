@@ -287,7 +287,7 @@ class SceneUnit:
         for macro, (arguments, name) in CALLS.items():
             macros[f"{macro}({arguments})"] = "0"
             if (function := self.text.functions.get(name)) is not None:
-                call = f"{function.name}({', '.join([*(given[key] for key in function.arguments), 'result'])})"
+                call = f"{function.name}({', '.join([*(given[key] for key in function.taken), 'result'])})"
                 macros[f"{macro}({arguments})"] = call if function.may_fail else f"({call}, 0)"
         place = next((k for k, v in enumerate(blocks["P"]) if v.name == "effort_limit[1]"), None)
         macros |= {"LIMIT(m)": "limit" if place is None else f"((m)->v + P + {place})", "TOLERANCE": TOLERANCE}

@@ -13,7 +13,8 @@ from ..integrators.frozen_steps import Schedule
 from ..integrators.loops import next_state
 from ..kernels.exports.casadi import to_casadi
 from ..kernels.kernel import Kernel, with_table
-from ..kernels.units import Unit, UnitFunction, unit
+from ..kernels.source import Printable
+from ..kernels.units import Unit, unit
 from .frozen_motion import FrozenScene
 from .named_numbers import plain_name
 from .scene_numbers import unknown
@@ -225,7 +226,7 @@ def interval_to_c(stepper: Any, name: str) -> str:
         ends = C_ENDS.format(**fill)
     rates = functions.functions["rates"]
     torques = ("u",) if frozen.is_driven else ("held",)
-    given = ["&time", "stage", *(torques if "u" in rates.arguments else ()), "slope[s]"]
+    given = ["&time", "stage", *(torques if "u" in rates.taken else ()), "slope[s]"]
     steps = C_STEPS.format(**fill, act=act, call=_call(rates, given, row, 12))
     constants = [f"    static const double {k}{_sizes(array)} = {_literal(array)};" for k, array in arrays.items()]
     heading = f"/* {stepper!r}: x_next of x{', torques u' * frozen.is_driven} and the time t of the begin. */"
@@ -246,14 +247,14 @@ def _functions_in_c(frozen: FrozenScene, name: str) -> Unit:
     return unit(kernels, name=name, static=True)
 
 
-def _sample_in_c(fill: dict[str, Any], *, holds: bool, function: UnitFunction) -> tuple[str, str]:
+def _sample_in_c(fill: dict[str, Any], *, holds: bool, function: Printable) -> tuple[str, str]:
     """Text that samples the law, and text within a step that has a command act; `holds` for one that is a state."""
     held = f"x[{fill['size'] + fill['m']} + i]"
     own = {"call": _call(function, ["t", "x", "command"], fill["row"], 4), "held": held if holds else "0.0"}
     return C_SAMPLE.format(**fill | own), C_ACT.format(**fill, lasting=f"x_next{held[1:]} = " if holds else "")
 
 
-def _call(function: UnitFunction, given: Sequence[str], row: int, indent: int) -> str:
+def _call(function: Printable, given: Sequence[str], row: int, indent: int) -> str:
     """Call in C, after which all that follows is NaN where it fails."""
     call = f"{function.name}({', '.join(given)})"
     return C_FAILS.format(call=call, row=row, indent=" " * indent) if function.may_fail else f"{call};"
