@@ -34,7 +34,6 @@ from rne.bounds.branch_and_bound import (
 )
 from rne.bounds.criteria import Coriolis, LargestOfInverse, Modulus, Norm, positive_definite
 from rne.bounds.polynomials import Polynomial
-from rne.dynamics.lagrange import christoffel
 
 from .helpers import Part, assemble, first_joints, kept, pose
 from .random_robots import random_tree
@@ -44,6 +43,11 @@ QUANTITIES = ("gravity_torque", "gravity_stiffness", "mass_matrix", "mass_eigenv
 M1, M2, L1, C1, C2, I1, I2, G = 3.0, 2.0, 0.7, 0.4, 0.3, 0.05, 0.04, 9.81
 ROUNDING = 1e-10  # relative: a proof allows 2000 eps of the sum of some 100 terms
 GRID = 1e-3  # of gravity's tables: (pi / 360)^2 / 2 and (pi / 720)^2 / 2 for each joint
+
+
+def christoffel(dM):
+    """Symbols c_ijk of the derivatives dM_ij/dq_k."""
+    return (np.einsum("...kji->...ijk", dM) + np.einsum("...kij->...ijk", dM) - dM) / 2
 
 
 def planar(masses, lengths, centres, inertias, **options):

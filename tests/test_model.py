@@ -10,8 +10,6 @@ import pytest
 import rne
 from examples.thesis.formulations import irb140_mirrored
 from rne.model.abb_irb140 import DATA_SHEET
-from rne.model.builder import at_links, disassemble
-from rne.model.checks import symmetric_up_to_rounding, triangle_excess
 from rne.model.parameters import at_parameters, of_states
 
 from .random_robots import random_tree, straight_chain
@@ -93,8 +91,10 @@ def test_rounding_of_unit_vectors_and_inertias_is_no_fault():
     edited("lower", 0, -np.inf)
     R = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     turned = R @ np.diag([1.0, 2, 2.5]) @ R.T
-    assert np.array_equal(symmetric_up_to_rounding(turned), symmetric_up_to_rounding(turned).T)
-    assert symmetric_up_to_rounding(turned + 1e-10 * SKEW)[0, 1] == (turned + 1e-10 * SKEW)[0, 1]  # no rounding
+    assert not np.array_equal(turned, turned.T)
+    rne.model.with_payload(TREE, 1.0, inertia=turned, link=TREE.link_names[-1])
+    with pytest.raises(ValueError, match=r"the inertia must be symmetric$"):
+        rne.model.with_payload(TREE, 1.0, inertia=turned + 1e-10 * SKEW, link=TREE.link_names[-1])
     thin = np.diag([1.0, 1.0, 0.0])
     edited("inertia", 0, thin - np.diag([0, 0, 1e-13]))
     with pytest.raises(rne.ModelError, match="the inertia must have no negative eigenvalue"):
@@ -102,9 +102,12 @@ def test_rounding_of_unit_vectors_and_inertias_is_no_fault():
 
 
 def test_triangle_excess_is_relative_to_the_trace():
-    assert triangle_excess(np.diag([1.0, 2.0, 3.5])) == pytest.approx(0.5 / 6.5)
-    assert triangle_excess(np.diag([1.0, 2.0, 2.5])) == pytest.approx(-0.5 / 5.5)
-    assert triangle_excess(np.zeros((3, 3))) == 0.0
+    for scale in (1e-3, 1e3):
+        for largest in (2.5, 3 + 0.9 * 6e-12):  # 1e-12 of the trace is rounding
+            rne.model.with_payload(TREE, 1.0, inertia=scale * np.diag([1, 2, largest]), link="root")
+        with pytest.raises(ValueError, match="the largest principal moment of inertia must not exceed"):
+            rne.model.with_payload(TREE, 1.0, inertia=scale * np.diag([1, 2, 3 + 1.1 * 6e-12]), link="root")
+    rne.model.with_payload(TREE, 1.0, inertia=np.zeros((3, 3)), link="root")
 
 
 def test_arrays_are_read_only_copies_and_models_compare_by_value():
@@ -124,10 +127,13 @@ def test_arrays_are_read_only_copies_and_models_compare_by_value():
 
 def test_a_robot_of_parts_seen_from_its_links_has_no_shifted_links(tmp_path):
     arm = rne.model.chain([np.eye(3)] * 2, [[0, 0, 1.0]] * 2, [1.0, 1.0], np.zeros((2, 3)), [np.eye(3)] * 2)
-    moved = at_links(disassemble(replace(arm, link_translation=arm.link_translation + [[0, 0, 0], *[[0, 0, 5]] * 3])))
-    assert [part.link_origin.tolist() for part in moved] == [[0.0, 0.0, 0.0]] * 4
-    assert moved[1].com.tolist() == [0, 0, -5]
-    assert at_links(disassemble(arm))[1].com.tolist() == [0, 0, 0]
+    moved = replace(arm, link_translation=arm.link_translation + [[0, 0, 0], *[[0, 0, 5]] * 3])
+    for model, com in ((arm, "0 0 0"), (moved, "0 0 -5")):
+        text = rne.to_urdf(model)
+        assert re.findall('<inertial>\n *<origin xyz="(.*?)"', text) == [com] * 2
+        (tmp_path / "arm.urdf").write_text(text)
+        poses = [rne.dynamics.link_poses(x, [0.0, 0.0]) for x in (model, rne.read_urdf(tmp_path / "arm.urdf"))]
+        np.testing.assert_allclose(*poses, rtol=0, atol=1e-14)
 
 
 def test_the_mirrored_arm_has_the_ranges_of_the_arm():

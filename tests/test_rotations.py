@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rne
-from rne.basics.spatial import combine_bodies, rotation_about, rotation_from_rpy, rpy_from_rotation, snap
+from rne.basics.spatial import combine_bodies, rotation_about, rotation_from_rpy, rpy_from_rotation
 
 ROUNDING = 8 * np.finfo(float).eps  # sines and cosines of three angles, and two products
 X, Y, Z = np.eye(3)
@@ -59,8 +59,9 @@ def test_a_robot_with_links_near_the_pole_is_written_and_read_with_its_poses(tmp
 
 def test_entries_within_four_roundings_of_0_and_1_are_these():
     eps = np.finfo(float).eps
-    near = np.array([1 + 2 * eps, 1 - 4 * eps, -1 + 3 * eps, 3 * eps, -eps, 1 + 6 * eps, 2.0])
-    assert snap(near).tolist() == [1.0, 1.0, -1.0, 0.0, 0.0, 1 + 6 * eps, 2.0]
+    near = np.array([[1 + 2 * eps, 3 * eps, 6 * eps], [-eps, -1 + 3 * eps, 0], [0, 0, -1 + 6 * eps]])
+    arm = rne.model.chain([near], [[0, 0, 0]])
+    assert arm.rotation[0].tolist() == [[1.0, 0.0, 6 * eps], [0.0, -1.0, 0.0], [0.0, 0.0, -1 + 6 * eps]]
 
 
 def test_bodies_without_mass_keep_their_inertia_and_are_centred_at_the_origin():

@@ -23,7 +23,7 @@ ARM = """<robot name="arm" {space}>
 <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
 {drives}</robot>"""
 ROTOR, GEAR = '<drake:rotor_inertia value="0.5"/>', '<drake:gear_ratio value="-3"/>'
-NEEDED = "a rotor must have a SimpleTransmission of its own, with one actuator, gear ratio and joint of the robot, got "
+NEEDED = "a rotor must have a separate SimpleTransmission, with one actuator, gear ratio and joint of the robot, got "
 
 
 def drive(inside, joints='<joint name="j"/>', kind="transmission_interface/SimpleTransmission", name="t"):

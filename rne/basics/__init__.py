@@ -9,7 +9,7 @@ from typing import Any
 
 
 def on_first_use(package: str, names: Mapping[str, str]) -> Callable[[str], Any]:
-    """Function `__getattr__` of a package: its modules, and the names that each of them gives, separated by blanks.
+    """Function `__getattr__` of a package, from its modules and the names in each of them, separated by blanks.
 
     The package also gets a `__dir__`, which lists its `__all__`, unless it has its own.
     """

@@ -23,16 +23,16 @@ from .text import cut
 
 LARGEST = 2**29  # most bytes of a file's arrays together, numbers in double precision
 BIGGEST = 5 * 2**27  # most bytes of a file that is read whole
-FREE, RATIO = 2**26, 100  # bytes that every file may unpack to, and per byte of its own
+FREE, RATIO = 2**26, 100  # bytes to which every file may unpack, and times its size
 LONGEST, LINE = 2**24, 400  # bytes of the texts of an archive; characters of an error
-NOT_KEPT = "source"  # field of a Model: the path of a file, which a page of the robot would read
+NOT_KEPT = "source"  # field of a Model that is not saved: the path of a file, which pages of the robot read
 
 File = str | PathLike[str]
 Kinds = dict[Any, tuple[tuple[str, ...], Callable[..., Any]]]  # of each type in files its fields and its constructor
 
 
 class TooLargeError(ValueError):
-    """Raised for a file whose arrays take more memory than a file of its size may."""
+    """Error about a file whose arrays take more memory than is allowed for a file of its size."""
 
     def __init__(self, most: int) -> None:
         super().__init__(f"its arrays take more than {most} bytes in double precision, the most for a file of its size")
@@ -44,9 +44,9 @@ def most_unpacked(file: Path) -> int:
 
 
 def check_regular(file: Path) -> None:
-    """Raise a ValueError for a pipe or a device, which need not end, an OSError if there is nothing."""
+    """Raise a ValueError for a pipe or a device, which may never end, an OSError if there is no such file."""
     mode = file.stat().st_mode
-    if not (S_ISREG(mode) or S_ISDIR(mode)):  # of a folder the system says what it is
+    if not (S_ISREG(mode) or S_ISDIR(mode)):  # opening a folder raises an OSError
         raise ValueError(f"{file}: is not a regular file; copy to one what it gives")
 
 
@@ -105,7 +105,7 @@ def contents(file: Path, what: str) -> tuple[Mapping[str, Any], dict[str, Any]]:
         texts = json.loads(str(arrays[TEXTS]))
         del arrays.entries[TEXTS]
         return arrays, dict(texts.items())
-    except Exception:  # of the many that NumPy, zipfile, zlib and JSON raise for other files and damaged ones
+    except Exception:  # NumPy, zipfile, zlib and JSON raise many types for other and damaged files
         raise ValueError(f"{str(file)!r} is not {what}") from None
 
 
@@ -129,7 +129,7 @@ def read(path: File, kinds: Kinds, wanted: type, version: int, check: Callable[[
         if not isinstance(found, wanted):
             raise ValueError(f"the object must be of type {wanted.__name__}, got {type(found).__name__}")
         check(found)
-    except Exception as error:  # likewise, and of what is made of the parts
+    except Exception as error:  # likewise, and errors of the constructors
         is_told = isinstance(error, ValueError | TypeError)
         text = str(error) if is_told else f"is damaged ({type(error).__name__}: {error})"
         raise ValueError(f"{str(file)!r}: {cut(text, LINE)}") from None
@@ -255,7 +255,7 @@ def _decoded(value: Any, types: Mapping[str, type], kinds: Kinds, arrays: Mappin
 
 
 def _fits(value: Any, hint: Any) -> bool:
-    """True if a value and its entries are of a type as annotations state it; others than those of files pass."""
+    """True if a value and its entries are of an annotated type; types that files do not have are not checked."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin in (Union, UnionType):
         return any(_fits(value, part) for part in parts)

@@ -205,9 +205,9 @@ def is_equal(a: Any, b: Any) -> bool:
 
 def is_read_only(array: Any) -> bool:
     """True for an array that is read-only with the memory that it is a view of."""
-    return (
-        isinstance(array, np.ndarray) and not array.flags.writeable and (array.base is None or is_read_only(array.base))
-    )
+    if not isinstance(array, np.ndarray) or array.flags.writeable:
+        return False
+    return array.base is None or is_read_only(array.base)
 
 
 def read_only(value: Any) -> Any:

@@ -25,9 +25,7 @@ LIMIT = 64_000_000  # largest size of the cache [bytes]
 KEPT = 0.8  # share of the limit that is kept once it is exceeded
 ENDING, UNFINISHED = ".rne", "unfinished-"
 NAME = re.compile(rf"[0-9a-f]{{64}}\{ENDING}|{UNFINISHED}[0-9a-f]{{32}}")  # of the cache's files: no others are removed
-PLAIN = sum(
-    getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY")
-)  # no symbolic links, no waiting for a pipe
+PLAIN = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))  # no symbolic links, no waiting
 DIGEST = hashlib.sha256
 FOREIGN = "is not used: another user owns it or may write to it"
 

@@ -15,10 +15,10 @@ BLOCK = 4_000_000  # most numbers filtered at a time
 
 
 def low_pass(x: Array, cutoff: float, sample_rate: float, kept: Array | None = None, *, ends: bool = False) -> Array:
-    """Low-pass along the first axis without shift in time; of the result only the rows `kept`, if given.
+    """Low-pass along the first axis without shift in time; only the rows `kept` of the result, if given.
 
-    A Butterworth filter forwards and backwards: the gain is 1 / (1 + (f / cutoff)^8), but for the bilinear transform.
-    Beyond its ends x is continued by point symmetry as far as the filter settles, twice as far where they are of use.
+    A Butterworth filter forwards and backwards, with the gain 1 / (1 + (f / cutoff)^8) up to the bilinear transform. x
+    is continued beyond its ends by point symmetry as far as the filter settles, twice as far with `ends`.
     """
     from scipy.signal import sosfiltfilt
 
@@ -36,14 +36,14 @@ def low_pass(x: Array, cutoff: float, sample_rate: float, kept: Array | None = N
 
 def impulse_response(cutoff: float, sample_rate: float, reach: int) -> Array:
     """Response of the filter to a unit impulse, from `reach` samples before it to as many after it."""
-    impulse = np.zeros(4 * reach + 1)  # ends are far enough away not to be felt
+    impulse = np.zeros(4 * reach + 1)  # long enough for the ends to have no effect
     impulse[2 * reach] = 1
     return low_pass(impulse, cutoff, sample_rate, np.arange(reach, 3 * reach + 1))
 
 
 @cache
 def _butterworth(cutoff: float) -> Array:
-    """Second-order sections for a cut-off as a part of the sample rate; kept, as a design takes long."""
+    """Second-order sections for a cut-off relative to the sample rate; cached, as the design takes long."""
     from scipy.signal import butter
 
     return np.asarray(butter(ORDER, 2 * cutoff, output="sos"))
@@ -51,4 +51,4 @@ def _butterworth(cutoff: float) -> Array:
 
 def settling(cutoff: float, sample_rate: float) -> int:
     """Samples after a step, and before it, in which the filter's output is more than 1 % of the step away from it."""
-    return math.ceil(SETTLING * sample_rate / cutoff) + 2  # by which a fast filter differs from an analogue one
+    return math.ceil(SETTLING * sample_rate / cutoff) + 2  # a fast digital filter differs from the analogue one

@@ -71,7 +71,7 @@ def parameters_of_pseudo_inertia(P: Array) -> Array:
 def dual_of_gradient(slope: Array) -> Array:
     """Symmetric matrices S (..., nb, 4, 4) with tr(S dP) = slope . dpi for every change dpi of the parameters.
 
-    `slope` (..., 10 nb) holds derivatives by each parameter, numbers or traced numbers.
+    `slope` (..., 10 nb) are the derivatives with respect to the parameters, numbers or traced numbers.
     """
     return combined(slope, DUALS)
 

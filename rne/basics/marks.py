@@ -1,7 +1,7 @@
-"""Marks of the files that rne writes, by which its commands know what they may replace.
+"""Marks of the files that rne writes, by which its commands know which files they may replace.
 
-A table of comma-separated values has no comments that every reader skips: pandas and csv take such a line for data. Its
-mark is the heading's `"t"` in quotes, and the next name without, which all readers take as t.
+CSV has no comments that all readers skip: pandas and csv read them as data. The mark is a heading in which the first
+name, `"t"`, is in quotes and the second is not, which all readers read as t.
 """
 
 import re
@@ -10,9 +10,9 @@ from contextlib import suppress
 from pathlib import Path
 
 HTML = '<meta name="generator" content="rne">'
-COMMENT = "written by rne"  # of a GIF, of source text
+COMMENT = "written by rne"  # in a GIF or source text
 URDF = f"<!-- {COMMENT} -->\n"
-PICTURE = {"Software": "rne"}  # of a PNG
+PICTURE = {"Software": "rne"}  # in a PNG
 TABLE = '"t"'
 TEXTS = "texts"  # entry of an archive: what is not an array, as JSON
 PATTERNS = {".csv": rf'\A{TABLE}(?!,")', ".png": "Software\0rne", ".gif": COMMENT, ".urdf": URDF.strip()}

@@ -15,7 +15,7 @@ from .spatial import Array
 class WithNumbers(ABC):
     """Base of objects with numbers, arrays by name, that are inputs of kernels as one flat vector.
 
-    Zeros, but for those of the names in `named`, and infinities are structure: they take no operations.
+    Infinities, and zeros except those of the names in `named`, are constants of the kernel, not inputs.
     """
 
     named: frozenset[str]
@@ -37,7 +37,7 @@ class WithNumbers(ABC):
         return np.concatenate([np.zeros(0), *(self.numbers[name][mask] for name, mask in self.masks.items())])
 
     def vectors(self, own: Mapping[str, Array]) -> Array:
-        """Vectors of N motions, (N, p), which have numbers (N, ...) of their own; (p,) if they have none."""
+        """Vectors of N motions, (N, p), with the numbers (N, ...) in `own`; (p,) if it is empty."""
         if not own:
             return np.asarray(self.vector)
         count = len(next(iter(own.values())))
@@ -52,7 +52,7 @@ class WithNumbers(ABC):
     def filled(self, vector: Array) -> Self:
         """Copy with the entries of a vector, traced or not, as inputs.
 
-        Numbers of which each state of (..., p) has its own get the leading shape.
+        Numbers that differ between the states of (..., p) get the leading shape.
         """
         found, first, leading = dict[str, Array](), 0, vector.shape[:-1]
         for name, mask in self.masks.items():
@@ -67,7 +67,7 @@ class WithNumbers(ABC):
 
 
 def part_of(numbers: Mapping[str, Any], part: str) -> dict[str, Any]:
-    """Numbers whose names begin with that of a part, without it."""
+    """Numbers whose names begin with `part`, by their names without it."""
     return {name.removeprefix(part): x for name, x in numbers.items() if name.startswith(part)}
 
 

@@ -21,7 +21,7 @@ class Piecewise(NamedTuple):
     t : ndarray, shape (N + 1,)
         Ends of the pieces [s].
     c : ndarray, shape (degree + 1, N, n)
-        Coefficients, that of the power 0 first.
+        Coefficients, in ascending powers.
     """
 
     t: Array
@@ -46,7 +46,7 @@ class Piecewise(NamedTuple):
         return times, self._at(np.repeat(np.arange(pieces), len(s)), np.tile(s, pieces))
 
     def derivative(self) -> Piecewise:
-        """Derivative by time."""
+        """Derivative with respect to time."""
         powers = np.arange(1, len(self.c))[:, None, None]
         return Piecewise(self.t, self.c[1:] * powers / np.diff(self.t)[:, None])
 
@@ -58,9 +58,9 @@ class Piecewise(NamedTuple):
 
 
 def numbers_at(table: Array, t: Array) -> Array:
-    """Indices of the rows of a table (N, width) that hold at times; a ValueError outside of all, except rounding.
+    """Indices of the rows of a table (N, width) for times; a ValueError outside of all, except for rounding.
 
-    Where one piece ends and the next begins it is the next.
+    Where two pieces meet, it is the later one.
     """
     start, end = float(table[0, 0]), float(table[-1, 1])
     outside = t[np.abs(t - np.clip(t, start, end)) > TIME_ROUNDING * max(abs(start), abs(end))]
@@ -70,17 +70,17 @@ def numbers_at(table: Array, t: Array) -> Array:
 
 
 def rows_at(table: Array, t: Array) -> Array:
-    """Rows of a table that hold at times t, (..., width)."""
+    """Rows of a table for times t, (..., width)."""
     return np.asarray(table[numbers_at(table, t)])
 
 
 def pieces_at(table: Array, t: Array) -> tuple[Array, ...]:
-    """Rows that hold at times t of shape (..., 1), as the argument of a kernel; nothing without a table."""
+    """Rows for times t of shape (..., 1) as arguments of a kernel; none without a table."""
     return (rows_at(table, t[..., 0]),) if len(table) else ()
 
 
 def rows_of_tables(tables: Array, t: Array, which: Any = slice(None)) -> tuple[Array, ...]:
-    """Rows at times (T,) of the tables (M, N, width) of some motions, or of one for all; nothing without any.
+    """Rows for times (T,) of the tables (M, N, width) of M motions, or of one for all; none without tables.
 
     All tables have the same ends of pieces.
     """
@@ -91,7 +91,7 @@ def rows_of_tables(tables: Array, t: Array, which: Any = slice(None)) -> tuple[A
 
 
 def tables_of(motion: Any, samples: Array) -> Array:
-    """Tables of a motion through the samples of each of some motions, (M, K, n), shape (M, N, width)."""
+    """Tables (M, N, width) of the motion through the samples (M, K, n) of each of M motions."""
     count, K, n = samples.shape
     together = motion.with_samples(samples.transpose(1, 0, 2).reshape(K, count * n)).table
     parts = together[:, 2:].reshape(len(together), -1, count, n).transpose(2, 0, 1, 3)
@@ -132,28 +132,28 @@ def cubic(t: Array, begin: Array, end: Array, slopes: Array, end_slopes: Array) 
 
 
 def monotone(t: Array, begin: Array, end: Array, jumps: Array) -> Piecewise:
-    """Monotone cubics between jumps, the numbers of steps that begin with one; without overshoot.
+    """Monotone cubics without overshoot between `jumps`, the indices of the steps that begin with a jump.
 
-    Slopes are those of Fritsch and Butland 1984, as in SciPy's PchipInterpolator; a step between two jumps is straight.
+    Slopes are those of Fritsch and Butland 1984, as in SciPy's PchipInterpolator; a step between two jumps is linear.
     """
-    h, N = np.diff(t)[:, None], len(t) - 1
-    first = np.isin(np.arange(N), [0, *jumps])  # steps with which a piece begins
-    last, k = np.append(first[1:], True), np.arange(N)
+    h, k = np.diff(t)[:, None], np.arange(len(t) - 1)
+    first = np.isin(k, [0, *jumps])  # steps with which a piece begins
+    last = np.append(first[1:], True)
     secants = (end - begin) / h
     before, after = secants[:-1], secants[1:]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         mean = 3 * (h[:-1] + h[1:]) / ((2 * h[1:] + h[:-1]) / before + (h[1:] + 2 * h[:-1]) / after)
     mean = np.where((before > 0) & (after > 0) | (before < 0) & (after < 0), mean, 0.0)
     none = np.zeros_like(secants[:1])
-    slopes = np.where(first[:, None], _end_slopes(h, secants, np.where(last, k, k + 1)), np.append(none, mean, axis=0))
-    end_slopes = np.where(
-        last[:, None], _end_slopes(h, secants, np.where(first, k, k - 1)), np.append(mean, none, axis=0)
-    )
+    at_begin = _end_slopes(h, secants, np.where(last, k, k + 1))
+    at_end = _end_slopes(h, secants, np.where(first, k, k - 1))
+    slopes = np.where(first[:, None], at_begin, np.append(none, mean, axis=0))
+    end_slopes = np.where(last[:, None], at_end, np.append(mean, none, axis=0))
     return cubic(t, begin, end, slopes, end_slopes)
 
 
 def _end_slopes(h: Array, secants: Array, k: Array) -> Array:
-    """Derivatives at the ends of steps without a neighbour, by three points, limited; also those of step k."""
+    """Limited three-point derivatives at the ends of steps that have only one neighbour, step k."""
     h1, other = h[k], secants[k]
     slopes = ((2 * h + h1) * secants - h * other) / (h + h1)
     most = np.where(secants * other < 0, 3 * np.abs(secants), np.inf)

@@ -39,7 +39,7 @@ def cross(a: Array, b: Array) -> Array:
 
 def dot(a: Array, b: Array) -> Array:
     """Scalar product of vectors along the last axis."""
-    product: Array = (a * b).sum(-1, keepdims=True)[..., 0]  # an array even of two single object vectors
+    product: Array = (a * b).sum(-1, keepdims=True)[..., 0]  # an array also for single vectors of objects
     return product
 
 
@@ -61,13 +61,13 @@ def transpose(A: Array) -> Array:
 
 
 def rotate(R: Array, v: Array) -> Array:
-    """Vector R v: from the axes of the rotated frame to those of the frame it is seen from."""
+    """Vector R v: from the axes of the rotated frame to those of the reference frame."""
     product: Array = (R @ v[..., None])[..., 0]
     return product
 
 
 def rotate_back(R: Array, v: Array) -> Array:
-    """Vector R^T v: from the axes of the frame the rotation is seen from to those of the rotated frame."""
+    """Vector R^T v: from the axes of the reference frame to those of the rotated frame."""
     return rotate(transpose(R), v)
 
 
@@ -130,7 +130,7 @@ def rotation_from_rpy(rpy: Array, *, snapped: bool = True) -> Array:
 def rpy_from_rotation(R: Array) -> Array:
     """Roll, pitch and yaw of one rotation matrix; at pitch = +-pi/2, where they are not unique, roll is 0.
 
-    Roll is that of Rz(yaw)^T R: near pitch = +-pi/2 yaw has few digits, but the sum or difference of both has all.
+    Roll is that of Rz(yaw)^T R: near pitch = +-pi/2 yaw has few digits, but its sum or difference with roll has all.
     """
     across = math.hypot(R[0, 0], R[1, 0])
     pitch = math.atan2(-R[2, 0], across)
@@ -177,7 +177,7 @@ def spin_matrix(omega: Array, alpha: Array) -> Array:
 def combine_bodies(bodies: list[tuple[Any, Array, Array]]) -> tuple[Any, Array, Array]:
     """Rigid body composed of several: (mass, centre of mass, inertia about it), all in the same frame.
 
-    Massless bodies may still carry a moment of inertia; a sum without mass has its centre at the origin.
+    Massless bodies may have a moment of inertia; if all are massless, the centre is the origin.
     """
     mass = sum(m for m, _, _ in bodies)
     moment: Array = np.sum([m * c for m, c, _ in bodies], axis=0)
@@ -189,7 +189,7 @@ def combine_bodies(bodies: list[tuple[Any, Array, Array]]) -> tuple[Any, Array, 
 def note_solution(x: Array, solve: Map, product: Map, residual: Map) -> None:
     """Declare traced numbers x as the solution of residual(x) = 0 with derivative M, for their derivatives.
 
-    Derivatives of what x was computed by, such as the factors of M, would lose twice as many digits.
+    Differentiating the computation of x, such as the factors of M, would lose twice as many digits.
     """
     traced = next((entry for entry in x.flat if hasattr(entry, "graph")), None) if x.dtype == object else None
     if traced is not None:

@@ -37,7 +37,7 @@ from ..model.model import Model, with_unchecked
 from .crba import composite_inertias, mass_diagonal
 from .kinematics import BASE, joint_transforms, velocities
 from .precision import check_accelerations
-from .quantity import checked_quantity
+from .quantity import Solved, checked_quantity
 from .rnea import External, applied_wrenches, inertia_torque, inverse_dynamics
 
 
@@ -142,7 +142,7 @@ def accelerations(
 @checked_quantity(check_accelerations)
 def articulated_forward_dynamics(
     model: Model, q: Array, qd: Array, tau: Array, *, external: External | None = None
-) -> tuple[Array, Array, Array]:
+) -> Solved:
     """Joint accelerations that the torques tau give, without forming M.
 
     Featherstone 2008, table 7.1, in blocks of three. O(n). Joints that follow others are a ModelError: their

@@ -2,13 +2,13 @@
 
 They follow from the axes and places of the joints alone. Kinetic and potential energy of a body are linear in its
 pseudo-inertia P, the integral of x x^T dm with x = (r, 1). They are tr(Phi P), with Phi = xi^T xi / 2 for a velocity
-xi, and Phi = -(g, 0) (0, 1)^T for gravity g. Seen from a body that moves by T against its parent, Phi is T^T Phi T and
-xi is T^-1 xi T. Torques are zero in every motion if and only if the robot's kinetic energy is zero and its potential
-energy constant. Therefore, from the tips to the base: what changes no energy when the joint moves counts with the
-parent body; all else of a body is observed. Behind a rotating joint three parameters are not (Gautier and Khalil 1990),
-behind a sliding one six, and more where the energies that a body meets span less: behind joints with parallel axes, or
-along gravity. The argument for trees is that of Wensing, Niemeyer and Slotine 2024; here joints on common coordinates
-(mimics, and those that follow others by couplings) are taken as one.
+xi, and Phi = -(g, 0) (0, 1)^T for gravity g. Seen from a body with pose T in its parent, Phi is T^T Phi T and xi is
+T^-1 xi T. Torques are zero in every motion if and only if the robot's kinetic energy is zero and its potential energy
+constant. Therefore, from the tips to the base: combinations that change no energy when the joint moves are counted with
+the parent body; all others are observed. They are three parameters after a rotating joint (Gautier and Khalil 1990),
+six after a sliding one, and more where the possible energies of a body span less: after joints with parallel axes, or
+axes along gravity. For trees see Wensing, Niemeyer and Slotine 2024; here joints with common coordinates (mimics, and
+those that follow others by couplings) are treated as one.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from ..model.topology import carriers, drivers_of, joint_groups, where_loops_clo
 from .kinematics import BASE, coordinate_map, joint_transforms
 from .regressors import regressor
 
-COARSEST = 0.01  # largest tolerance: a larger one takes different robots for the same
+COARSEST = 0.01  # largest tolerance: with a larger one different robots have the same parameters
 ROUNDING = 1e-12  # rounding of coefficients that are 0 or a whole number
 PIVOT = 0.05  # smallest pivot relative to the largest entry
 FLAT = 16  # number of entries of Phi or xi
@@ -99,7 +99,7 @@ class BaseParameters(ReadOnlyArrays):
     def back(self) -> Array:
         """Matrix E with Y = Y E B in every state, and B E = 1; shape (standard.count, count).
 
-        Its columns are unit vectors: E beta has the base parameters in the places of the kept ones, and zeros else.
+        Its columns are unit vectors: E beta has the base parameters in the places of the kept ones, zeros elsewhere.
         """
         E = np.zeros((self.standard.count, self.count))
         E[list(self.independent), range(self.count)] = 1
@@ -142,7 +142,7 @@ class BaseParameters(ReadOnlyArrays):
     def standard_parameters(self, beta: ArrayLike) -> Array:
         """Standard parameters with these base parameters: the kept ones, all others zero.
 
-        They give the same torques as all others with the same base parameters, but are those of no possible bodies.
+        They give the same torques as all others with the same base parameters, but are not physical.
 
         Parameters
         ----------
@@ -273,10 +273,10 @@ def _friction_rows(standard: StandardParameters, symbol: str) -> Array:
 
 
 def independent_columns(rows: Array) -> list[int]:
-    """Independent columns, as many as there are orthonormal rows; the first ones that leave no large coefficients.
+    """Independent columns, as many as there are orthonormal rows; the first ones that give no large coefficients.
 
-    Threshold pivoting: what is orthogonal to the kept columns is left of the rows, and the next column must not be
-    small in it beside the largest. The largest column left always passes, so the loop ends.
+    Threshold pivoting: the next column's part orthogonal to the kept ones must not be small relative to the largest
+    such part. The largest always passes, so the loop ends.
     """
     kept: list[int] = []
     left = rows.copy()
@@ -310,7 +310,7 @@ class Group(NamedTuple):
 def observed_combinations(standard: StandardParameters, tolerance: float) -> tuple[Array, Array]:
     """Independent combinations of bodies, rotors and offsets that span what torques depend on.
 
-    Directions and distances that differ by less than the tolerance, of the robot's size, are taken as the same. Rows
+    Directions and distances that differ by less than the tolerance, relative to the robot's size, count as equal. Rows
     have shape (count, standard.count), in the units of the second result, shape (standard.count,).
     """
     model = standard.model
@@ -353,9 +353,8 @@ def _group(model: Model, bodies: tuple[int, ...], length: float, units: Array) -
     coordinates = sorted({k for i in bodies for k in drivers[i]})
     q = _sample_positions(model, bodies, coordinates, units)
     R, p = joint_transforms(model, q)
-    slopes = (
-        np.broadcast_to(coordinate_map(model, q), (len(q), model.nb, model.n))[..., coordinates] * units[coordinates]
-    )
+    G = np.broadcast_to(coordinate_map(model, q), (len(q), model.nb, model.n))
+    slopes = G[..., coordinates] * units[coordinates]
     poses: Array = np.zeros((model.nb, len(q), 4, 4))
     xi: dict[int, Array] = {}
     for i in bodies:
@@ -374,10 +373,10 @@ def _group(model: Model, bodies: tuple[int, ...], length: float, units: Array) -
 def _sample_positions(model: Model, bodies: tuple[int, ...], coordinates: list[int], units: Array) -> Array:
     """Positions that determine a group's energies for all others, shape (samples, n); other coordinates are zero.
 
-    Energies are of degree two in the sine and cosine of a rotating joint, and in the position of a sliding one. So five
-    angles, or three positions, determine them. Those of joints that share coordinates have at most ten dimensions
-    for each body, and at most one for each offset, so that as many positions at random span them, except for a set of
-    positions of measure zero. The first position is zero, but with couplings, which exist in a part of all positions.
+    Energies are of degree two in the sine and cosine of a rotating joint, and in the position of a sliding one: five
+    angles, or three positions, determine them. For joints that share coordinates they have at most ten dimensions for
+    each body and one for each offset, which as many random positions span with probability one. The first position is
+    zero, except with couplings, which may have no position there.
     """
     if len(bodies) == 1:
         factor = abs(float(model.multiplier[bodies[0]])) or 1.0
@@ -388,9 +387,8 @@ def _sample_positions(model: Model, bodies: tuple[int, ...], coordinates: list[i
     count, following = (PARAMETERS + 2) * len(bodies), [c for c in model.coupled_joints if c[0] in bodies]
     drawn = count * (DRAWN if following else 1)
     q = np.zeros((drawn, model.n))
-    q[1:, coordinates] = (
-        np.random.default_rng(0).uniform(-turn, turn, (drawn, len(coordinates)))[1:] * units[coordinates]
-    )
+    positions = np.random.default_rng(0).uniform(-turn, turn, (drawn, len(coordinates)))
+    q[1:, coordinates] = positions[1:] * units[coordinates]
     if following:
         q = where_loops_close(model, q)
     for i, drivers, coupling in following:
@@ -404,7 +402,7 @@ def _sample_positions(model: Model, bodies: tuple[int, ...], coordinates: list[i
 def _energies_of_group(
     group: Group, reach: Reach, shafts: Array, offsets: Array
 ) -> tuple[Array, dict[int, tuple[Array, Array]]]:
-    """Rows on the group's bodies, shafts and offsets that torques depend on, and what each body meets."""
+    """Combinations of the group's bodies, shafts and offsets in torques, and energies and velocities of each body."""
     Phi, falls = reach.energies[:, :FLAT].reshape(-1, 4, 4), reach.energies[:, FLAT:]
     xi, carried = reach.velocities[:, :FLAT].reshape(-1, 4, 4), reach.velocities[:, FLAT:]
     T, own, turned = group.T[:, :, None], group.xi, shafts[:, group.coordinates].T
@@ -430,7 +428,7 @@ def _energies_of_group(
 
 
 def _flat(matrices: Array, *columns: Array) -> Array:
-    """Rows of matrices side by side, shape (..., bodies, 4, 4), with further columns behind them."""
+    """Matrices (..., bodies, 4, 4) as rows, side by side, followed by further columns."""
     flat = matrices.reshape(*matrices.shape[:-3], FLAT * matrices.shape[-3])
     further = [np.broadcast_to(x, (*flat.shape[:-1], x.shape[-1])) for x in columns]
     rows = np.concatenate([flat, *further], axis=-1)
@@ -438,7 +436,7 @@ def _flat(matrices: Array, *columns: Array) -> Array:
 
 
 def _of_all_bodies(groups: list[Group], k: int, observed: Array, bodies: int) -> Array:
-    """Rows on a group, written for the standard parameters: all that is behind a body counts with it."""
+    """Rows of a group in terms of the standard parameters of its bodies and of all bodies distal to them."""
     width = FLAT * len(groups[k].bodies)
     rows = np.zeros((len(observed), bodies + observed.shape[1] - width))
     rows[:, bodies:] = observed[:, width:]
@@ -455,7 +453,7 @@ def _of_all_bodies(groups: list[Group], k: int, observed: Array, bodies: int) ->
 
 
 def _shafts_between_branches(model: Model, groups: list[Group], shafts: Array) -> Array:
-    """Entries of M that shafts alone add to: those of two coordinates that move no common body."""
+    """Entries of M of two coordinates that move no common body, to which only shafts contribute."""
     place = {i: g for g, group in enumerate(groups) for i in group.bodies} | {BASE: BASE}
     above = [place[group.parent] for group in groups]
     of = [place[i] for i in model.independent_joints]

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
-from ..basics.spatial import Array, cross, cross_matrix, dot, mirrored, note_solution, rotate, transpose, zeros
+from ..basics.spatial import Array, Map, cross, cross_matrix, dot, mirrored, note_solution, rotate, transpose, zeros
 from ..model.model import Model
 from ..model.solids import Moments
 from ..model.topology import carriers
 from .kinematics import BASE, coordinate_map, joint_transforms
-from .quantity import quantity
+from .quantity import Solved, quantity
 
 
 def composite_inertias(model: Model, R: list[Array], p: list[Array]) -> dict[int, Moments]:
@@ -93,12 +92,10 @@ def factorise(M: Array, parent: tuple[int, ...]) -> tuple[Array, Array]:
     return L, D
 
 
-def solve_with_pivots(
-    M: Array, parent: tuple[int, ...], y: Array, product: Callable[[Array], Array] | None = None
-) -> tuple[Array, Array, Array]:
+def solve_with_pivots(M: Array, parent: tuple[int, ...], y: Array, product: Map | None = None) -> Solved:
     """Solution x of M x = y, the pivots of M = L^T D L and the diagonal of M, shape (..., n) each.
 
-    `product`, from x to M x, is what derivatives of x are taken of. By a recursion it loses fewer digits than by M.
+    Derivatives of x are computed from `product`, which gives M x; a recursion loses fewer digits than M itself.
     """
     L, D = factorise(M, parent)
     solve, product = partial(solve_factored, L, D, parent), product or partial(rotate, M)

@@ -100,10 +100,10 @@ def momentum(model: Model, q: Array, qd: Array) -> Array:
 
 @quantity(base_parameters=True)
 def lagrangian_derivatives(model: Model, q: Array, qd: Array) -> Array:
-    """Derivatives of L = T - U by the joint velocities, M qd, and by the positions, C^T qd - g; shape (..., 2 n).
+    """Derivatives of L = T - U: dL/dqd = M qd, and dL/dq = C^T qd - g; shape (..., 2 n).
 
-    The momentum P of what joint i carries is summed inwards from body to body. Its component along the axis is M qd,
-    and as V' = -S_i x V_i of all these bodies per unit of joint i, dT/dq_i = -P . (S_i x V_i): spatial vectors of
+    The momentum P of the bodies that joint i carries is summed inwards. Its component along the axis is (M qd)_i, and
+    since joint i changes their velocities by -S_i x V_i per unit, dT/dq_i = -P . (S_i x V_i): spatial vectors of
     Featherstone 2008, section 2.9.
     """
     R, p = joint_transforms(model, q)

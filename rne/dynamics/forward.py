@@ -8,21 +8,19 @@ from ..basics.spatial import Array
 from ..model.model import Model
 from .crba import mass_matrix, solve_with_pivots
 from .precision import check_accelerations, check_singularity
-from .quantity import checked_quantity
+from .quantity import Solved, checked_quantity
 from .rnea import External, bias_torque, inertia_torque
 
 
 @checked_quantity(check_singularity)
-def solve_mass_matrix(model: Model, q: Array, tau: Array) -> tuple[Array, Array, Array]:
-    """Solution of M qdd = tau: accelerations by torques, or velocities of the momenta p = M qd, shape (..., n)."""
+def solve_mass_matrix(model: Model, q: Array, tau: Array) -> Solved:
+    """Solution of M qdd = tau: accelerations from torques, or velocities from momenta p = M qd, shape (..., n)."""
     M = mass_matrix.core(model, q)
     return solve_with_pivots(M, model.coordinate_parent, tau, partial(inertia_torque, model, q))
 
 
 @checked_quantity(check_accelerations)
-def forward_dynamics(
-    model: Model, q: Array, qd: Array, tau: Array, *, external: External | None = None
-) -> tuple[Array, Array, Array]:
+def forward_dynamics(model: Model, q: Array, qd: Array, tau: Array, *, external: External | None = None) -> Solved:
     """Joint accelerations that the torques tau give: qdd = M^-1 (tau - C qd - g).
 
     M from composite bodies, factored as L^T D L without forming its inverse: Featherstone 2008, section 6.5. The

@@ -2,8 +2,7 @@
 
 R[i] takes coordinates of frame i to its parent body's frame, p[i] is the origin of frame i seen from there
 (the thesis's R_i^{i-1} and r_{i-2,i-1}). The initial values of a recursion are stored under the key BASE, the parent
-of the first bodies. A Jacobian is stored as rows: row j is the velocity per unit velocity of
-joint j.
+of the first bodies. A Jacobian is stored as rows: row j is the velocity per unit velocity of joint j.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ from .quantity import quantity
 
 BASE = -1
 ORIGIN = (0.0, 0.0, 0.0)
+Point = tuple[float, ...]  # of a link, in its frame [m]
 Bodies = dict[int, Array]  # an array of each body, and of the base under BASE
 
 
@@ -57,7 +57,7 @@ def coordinate_map(model: Model, q: Array) -> Array:
 
 
 def coordinate_map_derivatives(model: Model, q: Array) -> Array:
-    """Second derivatives d^2 phi/dq^2 of the joints' positions, which couplings alone have, shape (..., nb, n, n)."""
+    """Second derivatives d^2 phi/dq^2 of the joints' positions, zero without couplings, shape (..., nb, n, n)."""
     dG = zeros((*q.shape[:-1], model.nb, model.n, model.n), like=q)
     for i, drivers, coupling in model.coupled_joints:
         dG[..., i, np.array(drivers)[:, None], drivers] = coupling.derivatives(q[..., drivers])[1]
@@ -173,7 +173,7 @@ def _in_root_axes(Jw: Array, Jv: Array, R0: Array) -> Array:
 
 
 @quantity()
-def jacobian(model: Model, q: Array, link: str, point: tuple[float, ...] = ORIGIN) -> Array:
+def jacobian(model: Model, q: Array, link: str, point: Point = ORIGIN) -> Array:
     """Geometric Jacobian of a point of a link: the link's angular velocity and the point's velocity per joint velocity.
 
     Siciliano et al. 2009, (3.29), with the angular rows first as in Featherstone 2008. Parameters, result and errors
@@ -187,7 +187,7 @@ def jacobian(model: Model, q: Array, link: str, point: tuple[float, ...] = ORIGI
     return _columns(model, q, Jw, Jv + cross(Jw, offset), R0[body])
 
 
-def point_of_body(model: Model, link: str, point: tuple[float, ...]) -> tuple[int, Array]:
+def point_of_body(model: Model, link: str, point: Point) -> tuple[int, Array]:
     """Body that a link is part of, and a point of the link in the body's frame."""
     k = model.link_index(link)
     offset: Array = model.link_translation[k]
@@ -195,7 +195,7 @@ def point_of_body(model: Model, link: str, point: tuple[float, ...]) -> tuple[in
 
 
 @quantity()
-def jacobian_rate(model: Model, q: Array, qd: Array, link: str, point: tuple[float, ...] = ORIGIN) -> Array:
+def jacobian_rate(model: Model, q: Array, qd: Array, link: str, point: Point = ORIGIN) -> Array:
     """Time derivative of `jacobian` along the motion (q, qd).
 
     Featherstone 2008, section 2.10: derivatives in moving coordinates. Parameters, result and errors are those of

@@ -12,7 +12,7 @@ Vidyasagar 2006, sections 7.2 and 7.3). It shares only the kinematics with the N
 | Christoffel symbols of the first kind  | c[i, j, k]    | c_kij               | c_ijk        |
 | gravity's torque                       | g             | g                   | g            |
 
-`coriolis_matrix`, behind `rne.Robot.coriolis_matrix`, sums the same products of Jacobians without derivatives of M.
+`coriolis_matrix` sums the same products of Jacobians without derivatives of M.
 
 A Jacobian is stored as rows, one per joint, in the axes of its own body, where the body's inertia is constant.
 """
@@ -39,7 +39,7 @@ from .kinematics import (
     on_coordinates,
 )
 from .precision import check_accelerations
-from .quantity import checked_quantity, quantity
+from .quantity import Solved, checked_quantity, quantity
 
 
 class Body(NamedTuple):
@@ -68,10 +68,10 @@ def bodies(model: Model, q: Array) -> list[Body]:
 def jacobian_derivatives(body: Body) -> tuple[Array, Array]:
     """dJc[k, j], dJw[k, j], shape (..., nb, nb, 3): derivatives of row j by q_k, in closed form.
 
-    Joint k rotates everything behind it: d Jc_j / dq_k = z_k x Jc_j for k before j. Second derivatives commute, so that
-    for k behind j it is z_j x Jc_k. A sliding joint rotates nothing: its row of Jw is zero. The angular rows are
-    components in the body's axes. Those of z_j change only if joint k is behind j: by -z_k x z_j, seen from the body.
-    (Bruyninckx and De Schutter 1996, Mech. Mach. Theory 31, derive this for chains.)
+    Joint k rotates everything distal to it: d Jc_j / dq_k = z_k x Jc_j for k proximal to j. Second derivatives commute,
+    so for k distal to j it is z_j x Jc_k. A sliding joint rotates nothing: its row of Jw is zero. The angular rows are
+    components in the body's axes; z_j changes in these only if joint k is distal to j, by -z_k x z_j. Derived for
+    chains by Bruyninckx and De Schutter 1996, Mech. Mach. Theory 31.
     """
     nb = body.Jw.shape[-2]
     k, j = np.indices((nb, nb))
@@ -165,7 +165,7 @@ def equations(model: Model, q: Array, qd: Array) -> tuple[Array, Array]:
 
 
 @checked_quantity(check_accelerations, moments=False)
-def lagrange_forward_dynamics(model: Model, q: Array, qd: Array, tau: Array) -> tuple[Array, Array, Array]:
+def lagrange_forward_dynamics(model: Model, q: Array, qd: Array, tau: Array) -> Solved:
     """Joint accelerations by the Euler-Lagrange formulation; equal to those of `forward_dynamics`.
 
     Høifødt 2011, (6.3), with the terms of Siciliano et al. 2009, section 7.1. O(n^4). Parameters, result and errors are

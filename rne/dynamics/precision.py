@@ -26,7 +26,7 @@ from .rnea import External, bias_torque, gravity_torque
 
 MIN_DIGITS = 3.0  # decimal digits below which a warning is given
 # Rounding changes a pivot of M by up to about n eps M_kk (Higham 2002, Accuracy and Stability, theorem 10.3). A pivot
-# below 8 of these, which include the errors of M's own entries, may be only rounding: M is singular, an error. A pivot
+# up to 8 of these, which include the errors of M's own entries, may be only rounding: M is singular, an error. A pivot
 # above 10^MIN_DIGITS of them keeps MIN_DIGITS digits; between, the digits left are estimated.
 SINGULAR, NEARLY_SINGULAR = 8.0, 10**MIN_DIGITS
 NEGATIVE = 1e-9  # largest negative rounding error relative to M's largest entry, or of M scaled to unit diagonal

@@ -28,6 +28,7 @@ from ..model.parameters import at_parameters
 from ..model.topology import check_closure
 
 BatchIndex = tuple[int, ...]  # of a state in a batch; empty for a single state
+Solved = tuple[Array, Array, Array]  # result, pivots of M, and diagonal of M
 
 
 class PrecisionLoss(NamedTuple):
@@ -145,9 +146,7 @@ class MethodQuantity:
         """Value of the function by the recursion, with its PrecisionStatus; NotFiniteError where it overflows."""
         named |= dict(zip(self.quantity.widths, arguments, strict=False))
         given = {name: np.asarray(named[name]) for name in self.quantity.widths if named.get(name) is not None}
-        leading = np.broadcast_shapes(
-            *(a.shape[:-1] for a in given.values())
-        )  # a complex step changes only one of them
+        leading = np.broadcast_shapes(*(a.shape[:-1] for a in given.values()))  # a complex step changes one of them
         dtype, status = np.result_type(*given.values()), OK
         given = {k: np.broadcast_to(a.astype(dtype, copy=False), leading + a.shape[-1:]) for k, a in given.items()}
         model = model_for(model, dtype, list(given.values()))
@@ -190,13 +189,13 @@ def quantity(
 
 def checked_quantity(
     check: Check, *, moments: bool = True
-) -> Callable[[Callable[Concatenate[Model, P], tuple[Array, Array, Array]]], QuantityFunction[P, Array]]:
+) -> Callable[[Callable[Concatenate[Model, P], Solved]], QuantityFunction[P, Array]]:
     """Declare a core that returns (result, pivots of M, diagonal of M) as a public function of the result.
 
     `check` turns pivots and arguments into a PrecisionStatus. Such results depend on base parameters only.
     """
 
-    def decorate(core: Callable[Concatenate[Model, P], tuple[Array, Array, Array]]) -> QuantityFunction[P, Array]:
+    def decorate(core: Callable[Concatenate[Model, P], Solved]) -> QuantityFunction[P, Array]:
         return cast("QuantityFunction[P, Array]", _declare(core, check, moments=moments, base_parameters=True))
 
     return decorate

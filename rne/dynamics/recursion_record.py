@@ -44,8 +44,8 @@ BRANCHED = "The links of a branched robot have no single end: a_o, the origin's 
 class Recursion(ReadOnlyArrays):
     """All vectors of the Newton-Euler recursion, for every moving body.
 
-    Body i is the one behind `joints[i]`; its vectors are in its own axes. Shapes (..., nb, 3) unless said.
-    Printed, it is a table with units and equation numbers, joint by joint; of a batch, of its first state.
+    `joints[i]` carries body i, whose vectors are in its own axes. Shapes are (..., nb, 3) unless stated otherwise.
+    `print` shows a table with units and equation numbers, joint by joint; of a batch, that of its first state.
 
     Attributes
     ----------
@@ -72,12 +72,12 @@ class Recursion(ReadOnlyArrays):
     pivots : tuple of str, length L
         The pivots that close linkages, by their links.
     pivot_force : ndarray, shape (..., L, 3)
-        Force of each pivot on its first link, in that link's axes, in the plane of the linkage: what is across it is
-        shared by stiffnesses that nobody knows, and is in f and tau of the tree's joints. NaN as f [N].
+        Force of each pivot on its first link, in that link's axes, in the plane of the linkage; how loads across the
+        plane are shared depends on unknown stiffnesses, so f and tau of the tree's joints have them all. NaN as f [N].
     not_known : tuple of str
-        Joints and pivots whose forces are not known, as joints follow others by parts that the robot does not have.
+        Joints and pivots whose forces are not known, because joints follow others by parts that the model lacks.
     follow : tuple of str
-        These joints.
+        The joints that follow others by such parts.
 
     Examples
     --------
@@ -293,7 +293,7 @@ def not_known(record: Any) -> list[str]:
 
 
 def _joint(record: Recursion, i: int) -> Iterator[Row]:
-    """Lines of one joint and the body behind it; u only where a drive is, not at a mimic joint."""
+    """Lines of one joint and the body that it carries; u only for joints with drives, not for mimic joints."""
     is_driven = i in record.independent_joints
     yield Row(f"{short(record.joints[i])}, {record.joint_types[i]}{'' if is_driven else ', mimic'}")
     vectors = [(*about, getattr(record, about[0])) for about in VECTORS if about[0] != "a_o" or record.a_e is None]

@@ -76,8 +76,8 @@ def joint_motions(
 ) -> dict[int, tuple[MotionVector, MotionVector, MotionVector]]:
     """Acceleration of the reference, velocity, and velocity of the reference of each body.
 
-    The reference moves its joints at velocities qdr through the positions of the motion; its acceleration is the
-    derivative of its velocity along the motion, less gravity. All three are those of the moving joints, (..., nb).
+    The reference has joint velocities qdr at the positions of the motion; its acceleration is the derivative of its
+    velocity along the motion, minus gravity. qd, qdr and qddr are those of the moving joints, (..., nb).
     """
     qd, qdr, qddr = (x[..., None] for x in (qd, qdr, qddr))
     zero = zeros((*qd.shape[:-2], 3), like=qd)
@@ -149,10 +149,10 @@ def control_regressor(model: Model, q: Array, qd: Array, qdr: Array, qddr: Array
 
 
 def gravity_torques(model: Model, q: Array, bodies: Array) -> Array:
-    """Joint torques per unit of each component of gravity, in the root link's axes, of k sets of bodies.
+    """Joint torques per unit of each component of gravity, in the root link's axes, shape (..., n, 3, k).
 
-    Of inertial parameters `bodies`, shape (10 nb, k); shape (..., n, 3, k). From the first moments of what each joint
-    carries, about the root link's origin: the torque in gravity g is g . (r x s), that along an axis t is -g . t.
+    `bodies` (10 nb, k) are k sets of inertial parameters. The first moment r of the bodies that a joint carries, about
+    the joint, gives the torque g . (r x s) about an axis s in gravity g; along an axis t the force is -m g . t.
     """
     R0, p0 = body_poses(model, q)
     own = bodies.reshape(model.nb, PARAMETERS, -1)

@@ -51,7 +51,7 @@ class NewtonEuler(NamedTuple):
     f: dict[int, Array]
     n: dict[int, Array]
     tau: Array
-    of_joints: Array  # what each moving joint would need alone, shape (..., nb), of which tau is the sum
+    of_joints: Array  # torque of each moving joint, shape (..., nb), whose sums on the coordinates are tau
 
 
 def newton_euler(
@@ -115,7 +115,7 @@ def inverse_dynamics(model: Model, q: Array, qd: Array, qdd: Array, *, external:
 
 @quantity(base_parameters=True)
 def bias_torque(model: Model, q: Array, qd: Array, *, external: External | None = None) -> Array:
-    """Joint torques at zero acceleration: C qd + g, less the torques that external wrenches supply.
+    """Joint torques at zero acceleration: C qd + g, minus the torques of external wrenches.
 
     Inverse dynamics at qdd = 0, Høifødt 2011, appendix B; Featherstone 2008, (6.2). Parameters, result and errors
     are those of `rne.Robot.bias_torque`, with the model first.
@@ -145,5 +145,5 @@ def coriolis_torque(model: Model, q: Array, qd: Array) -> Array:
 
 
 def inertia_torque(model: Model, q: Array, qdd: Array) -> Array:
-    """M qdd by the recursion: inverse dynamics at rest, without gravity."""
+    """Product M qdd by the recursion: inverse dynamics at rest, without gravity."""
     return newton_euler(model, q, np.zeros_like(qdd), qdd, np.zeros_like(model.gravity)).tau

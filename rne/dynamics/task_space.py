@@ -27,11 +27,12 @@ from ..errors import SingularMassMatrixError
 from ..model.model import Model
 from ..model.parameters import of_states
 from .crba import mass_matrix, solve_with_pivots
-from .kinematics import ORIGIN, jacobian, jacobian_rate, link_poses
+from .kinematics import ORIGIN, Point, jacobian, jacobian_rate, link_poses
 from .precision import SINGULAR, check_singularity, pivots_below
-from .quantity import BatchIndex, PrecisionStatus, checked_quantity
+from .quantity import BatchIndex, PrecisionStatus, Solved, checked_quantity
 from .rnea import bias_torque, inertia_torque
 
+Rows = tuple[int, ...]  # of the Jacobian
 ROWS = (0, 1, 2, 3, 4, 5)
 DIRECTIONS = tuple(f"{motion} {axis}" for motion in ("rotation about", "translation along") for axis in "xyz")
 BASE_AXES, LINK_AXES = "base", "link"
@@ -39,9 +40,7 @@ TASK: dict[str, Any] = {"link": "", "point": ORIGIN, "rows": ROWS, "axes": BASE_
 SHARE = 0.1  # smallest named component of a direction relative to the largest
 
 
-def task_jacobian(
-    model: Model, q: Array, link: str, point: tuple[float, ...], rows: tuple[int, ...], axes: str
-) -> Array:
+def task_jacobian(model: Model, q: Array, link: str, point: Point, rows: Rows, axes: str) -> Array:
     """Rows of the Jacobian of a point, in the axes of the root link or the link."""
     return _in_axes(model, q, jacobian.core(model, q, link, point), link, axes)[..., rows, :]
 
@@ -57,14 +56,14 @@ def in_link_axes(R: Array, J: Array) -> Array:
     return np.concatenate([transpose(R) @ J[..., :3, :], transpose(R) @ J[..., 3:, :]], axis=-2)
 
 
-def _solved(A: Array, parent: tuple[int, ...], Y: Array, product: Any = None) -> tuple[Array, Array, Array]:
+def _solved(A: Array, parent: tuple[int, ...], Y: Array, product: Any = None) -> Solved:
     """Solution X of A X^T = Y^T, row by row, the pivots of A and its diagonal."""
     rows = [solve_with_pivots(A, parent, Y[..., k, :], product) for k in range(Y.shape[-2])]
     return np.stack([x for x, _, _ in rows], axis=-2), *rows[0][1:]
 
 
 def _inertia(
-    model: Model, q: Array, link: str, point: tuple[float, ...], rows: tuple[int, ...], damping: float, axes: str
+    model: Model, q: Array, link: str, point: Point, rows: Rows, damping: float, axes: str
 ) -> tuple[Array, Array, Array, Array]:
     """Lambda, J M^-1, and the pivots and diagonals of M and of J M^-1 J^T."""
     if not model.n:
@@ -94,7 +93,7 @@ def check_task(
 
 
 def pose_error(
-    model: Model, q: Array, state: BatchIndex, link: str, rows: tuple[int, ...], point: tuple[float, ...], axes: str
+    model: Model, q: Array, state: BatchIndex, link: str, rows: Rows, point: Point, axes: str
 ) -> SingularMassMatrixError:
     """Error that names the directions of the combined motion that no torque accelerates."""
     J = task_jacobian(model, q, link, point, rows, axes)
@@ -115,11 +114,11 @@ def task_inertia(
     model: Model,
     q: Array,
     link: str,
-    point: tuple[float, ...] = ORIGIN,
-    rows: tuple[int, ...] = ROWS,
+    point: Point = ORIGIN,
+    rows: Rows = ROWS,
     damping: float = 0.0,
     axes: str = BASE_AXES,
-) -> tuple[Array, Array, Array]:
+) -> Solved:
     """Inertia of a point of a link, Lambda = (J M^-1 J^T)^-1: the force per acceleration of the point.
 
     Khatib 1987. Parameters, result and errors are those of `rne.Robot.task_inertia`, with the model first.
@@ -133,11 +132,11 @@ def task_inverse(
     model: Model,
     q: Array,
     link: str,
-    point: tuple[float, ...] = ORIGIN,
-    rows: tuple[int, ...] = ROWS,
+    point: Point = ORIGIN,
+    rows: Rows = ROWS,
     damping: float = 0.0,
     axes: str = BASE_AXES,
-) -> tuple[Array, Array, Array]:
+) -> Solved:
     """Dynamically consistent inverse M^-1 J^T Lambda of the Jacobian of a point, shape (..., n, m).
 
     Khatib 1987. Parameters, result and errors are those of `rne.Robot.task_inverse`, with the model first.
@@ -152,11 +151,11 @@ def task_bias(
     q: Array,
     qd: Array,
     link: str,
-    point: tuple[float, ...] = ORIGIN,
-    rows: tuple[int, ...] = ROWS,
+    point: Point = ORIGIN,
+    rows: Rows = ROWS,
     damping: float = 0.0,
     axes: str = BASE_AXES,
-) -> tuple[Array, Array, Array]:
+) -> Solved:
     """Force at a point that does not accelerate, Lambda (J M^-1 (C qd + g) - dJ/dt qd).
 
     Khatib 1987. Parameters, result and errors are those of `rne.Robot.task_bias`, with the model first.

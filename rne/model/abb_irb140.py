@@ -57,7 +57,7 @@ SHEET = "ABB's data sheet (Høifødt 2011, appendix A)"
 FASTER = f"{SHEET}, of the IRB 140T"
 CYCLE = "pick cycle of 25 mm up, 300 mm across and 25 mm down with 5 kg"
 
-# As printed there; dynamics do not use them. That the ranges lie symmetric about zero is an assumption of `irb140`.
+# As printed there; dynamics do not use them. `irb140` assumes that the ranges are symmetric about zero.
 DATA_SHEET = {
     "ranges": Datum((360, 200, 280, 400, 240, 800), "deg", f"{SHEET}, as totals; axes 4 and 6 unlimited, by default"),
     "speeds": Datum((200, 200, 260, 360, 360, 450), "deg/s", SHEET),
@@ -121,7 +121,7 @@ ALONG_Y = (-PI / 2, 0.0, 0.0)  # roll, pitch and yaw that turn a cylinder from z
 
 
 def _shapes() -> tuple[Box | Cylinder, ...]:
-    """Housings, for drawing only: between the joints the lengths of the table above, all widths ours."""
+    """Housings, for drawing only: lengths between the joints are those of the table above, widths are assumed."""
     (out, down, _), (upper, _, _), (_, fore, _), (_, _, flange) = (LINKS[k].r_end for k in (0, 1, 3, 5))
     side = -0.1  # middle of the upper arm along axis 2, next to the forearm
     return (

@@ -17,7 +17,7 @@ from .checks import DRIVES
 from .model import STANDARD_GRAVITY, Model
 from .solids import Box, Cylinder
 
-# Fields of a Model by those of a Part.
+# Fields of a Model by the corresponding field of a Part.
 LIMITS_AND_DRIVES = {name: f"{name}_limit" for name in DRIVES}
 LIMITS_AND_DRIVES |= {name: name for name in ("lower", "upper", "damping", "friction", "armature")}
 Extended = np.longdouble  # no wider than double on some platforms
@@ -68,9 +68,8 @@ def composed(written: Mapping[int, Mimic]) -> dict[int, Mimic]:
 class Part:
     """Link with the joint that carries it; the root has no joint. Quantities as in Model.
 
-    `link_origin` is where the link's frame has its origin, seen from the joint's frame. It differs from zero only where
-    the joint's origin was moved along its axis: all other quantities, placements of other parts included, are seen from
-    the joint's frame.
+    `link_origin` is the origin of the link's frame in the joint's frame, zero unless the joint's origin was moved along
+    its axis. All other quantities, placements of other parts included, are seen from the joint's frame.
     """
 
     link: str

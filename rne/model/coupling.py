@@ -23,7 +23,7 @@ LOGGER = logging.getLogger("rne")
 SAMPLES = 1000  # samples of a driver's range on either side of its zero, in two spacings
 NEAREST, FARTHEST = 1e-7, 1e3  # nearest and farthest samples of an unlimited slide from its zero [m]
 HALVINGS = 60
-JUMP = 0.1  # tolerance of a jump by a full turn between samples [rad], as of functions like arctan2
+JUMP = 0.1  # tolerance of a jump by a full turn between samples [rad], as functions such as arctan2 have
 Followed = tuple[Sequence[str], Callable[..., Any]]  # drivers and function
 
 
@@ -52,7 +52,7 @@ class Coupling:
         return _run(self.program, drivers)[..., 0]
 
     def derivatives(self, drivers: Array) -> tuple[Array, Array]:
-        """Derivatives of the position by the drivers: the first, shape (..., d), and the second, (..., d, d)."""
+        """First and second derivatives with respect to the drivers' positions, shapes (..., d) and (..., d, d)."""
         d, found = len(self.drivers), _run(self.slopes, drivers)
         return found[..., :d], found[..., d:].reshape(*drivers.shape[:-1], d, d)
 
@@ -241,7 +241,7 @@ def _with_range_cut(model: Model, driver: str, linked: Mapping[str, Linked]) -> 
 
 
 class _Followers:
-    """Joints coupled to one driver, over its positions; their other drivers are as near to 0 as possible."""
+    """Joints coupled to one driver, as functions of its position; their other drivers are as near to 0 as possible."""
 
     def __init__(self, model: Model, k: int) -> None:
         self.model, self.k, self.driver = model, k, model.moving_joints[k]
@@ -249,7 +249,7 @@ class _Followers:
         self.couplings = [(i, coupling) for i, _, coupling in model.coupled_joints if self.driver in coupling.drivers]
 
     def found(self, coupling: Coupling, x: Array) -> tuple[Array, Array, Array]:
-        """Position, its derivative by the driver, and True where both are finite."""
+        """Position, its derivative with respect to the driver, and True where both are finite."""
         others = {d: self.zero[self.model.moving_joints.index(d)] for d in coupling.drivers if d != self.driver}
         q = np.stack([np.full(x.shape, others[d]) if d in others else x for d in coupling.drivers], -1)
         position, (slopes, _) = coupling.position(q), coupling.derivatives(q)
@@ -265,7 +265,7 @@ class _Followers:
         return np.array(failing)
 
     def samples(self, ends: Sequence[float]) -> Array:
-        """Positions of the driver between two ends, dense around its zero, and extremes of the others between them."""
+        """Positions of the driver between two ends, dense around zero, and where positions of followers are extreme."""
         start, model = min(max(float(self.zero[self.k]), ends[0]), ends[1]), self.model
         limits = np.abs([(model.lower[i], model.upper[i]) for i, _ in self.couplings])
         turns = 2 * np.pi + float(np.max(limits, initial=0.0, where=np.isfinite(limits)))
@@ -292,10 +292,7 @@ class _Followers:
 
 
 def _where_followed(model: Model, k: int, ends: list[float]) -> set[str]:
-    """Driver's range reduced to where the coupled joints have positions; those that have none there.
-
-    Their failures are looked for at samples that are dense around its zero, and at extremes of positions between them.
-    """
+    """Reduce `ends` to where the coupled joints have positions within their ranges; returns those that limit them."""
     followers = _Followers(model, k)
     values, by = followers.samples(ends), set[str]()
     bad = np.asarray(followers.fails(values).any(0))

@@ -1,4 +1,4 @@
-"""Laws of joint friction, each per unit of its coefficient: common to fits to measurements and simulations.
+"""Laws of joint friction, each per unit of its coefficient, for fits to measurements and for simulations.
 
 Stribeck effect: Armstrong-Hélouvry, Dupont and Canudas de Wit 1994, section 2.1. Friction under load: Hamon, Gautier
 and Garrec 2010.
@@ -33,7 +33,7 @@ def saturating(qd: Array, velocity: ArrayLike | None) -> Array:
 
 
 def saturating_slope(qd: Array, velocity: ArrayLike) -> Array:
-    """Derivative of `saturating` by qd."""
+    """Derivative of `saturating` with respect to qd."""
     given, acts = _positive(velocity)
     slope: Array = where(acts, 1 - tanh(qd / given) ** 2, 1.0)
     return slope
@@ -47,7 +47,7 @@ def stribeck_effect(qd: Array, velocity: ArrayLike, smoothing: float) -> Array:
 
 
 def _positive(velocity: ArrayLike) -> tuple[Array, Array]:
-    """Velocities, with 1 in place of zeros, and 1.0 where they are not zero."""
+    """Velocities with zeros replaced by 1, and 1.0 where they are not zero."""
     given = np.asarray(velocity)
     acts = less(0, given)
     return where(acts, given, 1.0), 1.0 * acts

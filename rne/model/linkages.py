@@ -1,8 +1,8 @@
 """Closed forms of planar linkages: four-bars and parallelograms, cylinders, slider-cranks.
 
-A loop of joints is walked around from the driver on, through the pivot that closes it. Angles are those by which links
-turned since the zero pose, about the driver's axis; a joint turns by that of the next link less that of the link before
-it. Vectors lie in the plane of the motion: pairs of numbers, or of traced ones.
+The joints of a loop are in order from the driver on, through the pivot that closes it. Angles are rotations of links
+since the zero pose, about the driver's axis; a joint turns by that of the next link minus that of the previous one.
+Vectors lie in the plane of the motion: pairs of numbers, or of traced numbers.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def four_bar(model: Model, driver: str, closing: Closing) -> Model:
     a, g, b, r = (_length(v) for v in (x0, z, y0 - x0 + z, y0))
 
     def links(alpha: Any) -> tuple[Any, Any]:
-        """Angles of coupler and rocker: the sides of the triangle beside the diagonal, by Heron's formula."""
+        """Angles of coupler and rocker, from the triangle that they form with the diagonal, by Heron's formula."""
         S, C = _half(psi0 + alpha, np.sign(psi0), abs(a - g) - abs(b - r), b + r - a - g, CLOSED * (a + g))
         diagonal, squared = _across(a, g, psi0 + alpha, S, C)
         nearest, farthest = (a - g - b + r) * (a - g + b - r), (b + r - a - g) * (b + r + a + g)
@@ -240,7 +240,7 @@ class SliderCrank:
         r, l, theta0, side0 = self.crank, self.rod, self.angle, self.crank * float(np.sin(self.angle))
         foot0 = float(np.sqrt((l - side0) * (l + side0)))  # of the rod, along the slider's line
         x0, rest = r * float(np.cos(theta0)) + foot0, float(np.arctan2(-side0, foot0))
-        before = float(np.sign(x0)) * (abs(x0) > CLOSED * l)  # -1 for a slider behind the crank's axis
+        before = float(np.sign(x0)) * (abs(x0) > CLOSED * l)  # -1 for a slider on the other side of the crank's axis
         if cranked:
             reach, middle = float(np.arcsin(min(1.0, l / r))), np.pi * round(theta0 / np.pi)
             ends = (middle - theta0 - reach, middle - theta0 + reach) if r >= l * (1 - CLOSED) else (-np.inf, np.inf)
@@ -385,7 +385,7 @@ def _closed(model: Model, loop: list[Pivot], closing: Closing, motions: Motions,
 
 
 def _half(psi: Any, side: float, inner: float, outer: float, near: float) -> tuple[Any, Any]:
-    """Sine and cosine of half an angle; NaN behind a change point."""
+    """Sine and cosine of half an angle; NaN beyond a change point."""
     S, C = np.sin(psi / 2), np.cos(psi / 2)
     if abs(inner) <= near:
         S = side * np.sqrt(side * S) * np.sqrt(side * S)
@@ -395,8 +395,8 @@ def _half(psi: Any, side: float, inner: float, outer: float, near: float) -> tup
 def _across(a: float, g: float, psi: Any, S: Any, C: Any) -> tuple[Any, Any]:
     """Vector from the end of an arm g to that of an arm a on the same pivot, at angle psi; S and C are of psi / 2.
 
-    The direction from g's, continuous over all turns, and the square of the distance. The arm that is not shorter
-    carries the direction around; the other swings it by less than a right angle.
+    Returns its direction relative to arm g, continuous over all turns, and the squared distance. The direction follows
+    the longer arm; the other changes it by less than a right angle.
     """
     if a >= g:
         direction = psi + arctan2(2 * g * S * C, (a - g) + 2 * g * S * S)
@@ -424,7 +424,7 @@ def _span(a: float, g: float, psi: float, low: float, high: float) -> Ends:
 
 
 def _ends(sense: float, low: float, high: float) -> Ends:
-    """Range in the other sense of motion, where that is -1."""
+    """Range of the motion times `sense`, which is 1 or -1."""
     return (low, high) if sense > 0 else (-high, -low)
 
 

@@ -74,21 +74,21 @@ class Model:
     coordinate, multiplier, offset : shapes (nb,)
         The position of joint i is `multiplier[i] * q[coordinate[i]] + offset[i]` (URDF's mimic) [rad or m].
     independent_joints : tuple of int, length n
-        The joint that coordinate k belongs to; all other joints mimic one of these, or follow some by a coupling.
+        The joint of each coordinate; all other joints mimic one of these, or follow some by a coupling.
     couplings : tuple of Coupling
-        Joints whose positions are other functions of the coordinates, in their order in `moving_joints`, made by
-        `rne.model.coupled` and the linkages beside it; their multipliers and offsets are 0.
+        Joints whose positions are other functions of the coordinates, in the order of `moving_joints`, made by
+        `rne.model.coupled`, `four_bar` and `cylinder`; their multipliers and offsets are 0.
     loops : tuple of Loop
-        Linkages that these closed, with the pivots that no joint of the tree stands for.
+        Closed linkages, with the pivots that are no joints of the tree.
     gravity : ndarray, shape (3,)
         In the axes of the root link [m/s^2].
     link_names : tuple of str
-        The root, then every link in tree order, those behind fixed joints included.
+        The root, then every link in tree order, including those on fixed joints.
     link_joints : tuple of str
         The joint that carries each link; "" for the root.
     link_parent : tuple of int, optional
-        The place in `link_names` of the link that each link is attached to by its joint, -1 for the root. If not given,
-        links on fixed joints are taken to be on their body's first link. Not compared.
+        Index in `link_names` of the link that each link is attached to by its joint, -1 for the root. By default, links
+        on fixed joints are attached to their body's first link. Not compared.
     link_body : tuple of int
         The body that each link is part of, -1 for the base.
     link_rotation, link_translation : ndarray, shapes (n_links, 3, 3) and (n_links, 3)
@@ -97,12 +97,12 @@ class Model:
     shapes : tuple of Cylinder or Box
         For drawing; not used by dynamics.
     notes : mapping of str to str
-        Where the numbers of a link or joint come from. Not compared.
+        Sources of the numbers of a link or joint. Not compared.
     source : str or None
         Absolute path of the URDF or MJCF file it was read from, or the URDF text that a xacro file made, from which
         pictures read the visual shapes. Not compared.
     given_moments : Moments or None
-        For dynamics at other parameters, which may differ from state to state: taken in place of the moments of `mass`,
+        For dynamics at other parameters, which may differ from state to state: used instead of the moments of `mass`,
         `com` and `inertia`. Not compared.
 
     Raises
@@ -172,7 +172,7 @@ class Model:
         values |= {name: np.array(plain_array(name, values[name]), dtype=np.float64) for name in ARRAY_FIELDS}
         self._freeze(values)
         check_model({f.name: getattr(self, f.name) for f in fields(self)})
-        if self.link_parent is None:  # then the likely ones
+        if self.link_parent is None:
             place = {joint: k for k, joint in enumerate(self.link_joints)}
             carrier = {i: place[joint] for i, joint in enumerate(self.moving_joints)} | {-1: 0}
             above = {carrier[i]: carrier[parent] for i, parent in enumerate(self.parent)}
@@ -267,8 +267,8 @@ class Model:
         -------
         dict of str to ndarray, shape (n,) each
             By name: `lower`, `upper`, and the velocity, effort, acceleration, deceleration (`braking_limit`) and jerk
-            limits. With q_i = m q + o, the range of joint i less o over m, and its other limits over abs(m), bind the
-            coordinate too. A drive turns a coordinate's own joint: its effort limit is that joint's.
+            limits. A joint i with q_i = m q + o limits q to its range minus o, divided by m, and to its other limits
+            divided by abs(m). The effort limit is that of the coordinate's own joint, which has the drive.
 
         Examples
         --------
@@ -350,7 +350,7 @@ class Model:
         Raises
         ------
         ValueError
-            If there is no such link; names those there are.
+            If there is no such link; the message lists all links.
 
         Examples
         --------
@@ -414,14 +414,14 @@ ARRAY_FIELDS = frozenset(f.name for f in fields(Model) if f.type == "Array")
 
 
 def model_argument(model: object) -> Model:
-    """Argument that must be a Model; a TypeError for anything else."""
+    """The argument, if it is a Model; otherwise a TypeError."""
     if not isinstance(model, Model):
         raise TypeError(f"`model` must be an rne.Model, got {type(model).__name__}; a Robot has it as .model")
     return model
 
 
 class HasModel(Protocol):
-    """Object with a model that can be replaced: an rne.Robot, which is not known here."""
+    """Object with a model that can be replaced: an rne.Robot, which this module does not import."""
 
     @property
     def model(self) -> Model:
@@ -446,7 +446,7 @@ class OfEither(Protocol[P]):
 
 
 def of_either(change: Callable[Concatenate[Model, P], Model]) -> OfEither[P]:
-    """Decorator of a function from Model to Model that takes a Robot too, and then returns one, of the same engine."""
+    """Decorator of a function from Model to Model: with a Robot it returns a Robot of the same engine."""
 
     @wraps(change)
     def changed(model: Any, *args: P.args, **kwargs: P.kwargs) -> Any:
@@ -456,13 +456,13 @@ def of_either(change: Callable[Concatenate[Model, P], Model]) -> OfEither[P]:
             raise TypeError(f"`model` must be an rne.Model or rne.Robot, got {type(model).__name__}")
         return model.with_model(change(model.model, *args, **kwargs))
 
-    return cast("OfEither[P]", changed)  # whose overloads no wrapper shows
+    return cast("OfEither[P]", changed)
 
 
 def joint_array(
     name: str, value: ArrayLike, model: Model, width: int | None = None, *, may_be_infinite: bool = False
 ) -> Array:
-    """Check one array of joint values, or of `width` others: finite numbers, these along the last axis."""
+    """Array of numbers with the joints, or `width` entries, along the last axis; an error that names it otherwise."""
     n = model.n if width is None else width
     array = (convert_numbers if may_be_infinite else number_array)(name, value, f"(..., {n})")
     if array.ndim == 0 or array.shape[-1] != n:

@@ -97,7 +97,7 @@ def locked(model: Model, positions: Mapping[str, float]) -> Model:
     smaller = assemble(model.name, parts, gravity=model.gravity, shapes=model.shapes, notes=model.notes)
     smaller = replace(smaller, link_parent=model.link_parent, source=model.source)
     if left := {c.joint: c.at(values) for c in model.couplings if c not in ends}:
-        from .coupling import coupled  # loaded where there are couplings
+        from .coupling import coupled  # loaded only if there are couplings
 
         smaller = coupled(smaller, left)
     return replace(smaller, loops=tuple(x for x in model.loops if {*x.followers} <= {*smaller.moving_joints}))
@@ -158,7 +158,7 @@ def with_armature(model: Model, armature: LimitValues) -> Model:
 
 
 def limit_array(name: str, value: LimitValues, joints: Sequence[str], present: Array, argument: str = "") -> Array:
-    """One number per joint, infinite ones allowed, from one for all joints, one each, or some by name."""
+    """One number per joint, possibly infinite, from one for all joints, one for each, or some by name."""
     n, argument = len(joints), argument or name
     if value is None:
         return present

@@ -16,7 +16,7 @@ from .solids import Moments
 
 
 def of_states(model: Model, states: Any) -> Model:
-    """Model of some states of a batch: with their moments, where every state has its own."""
+    """Model for some states of a batch, with their moments if these differ between states."""
     moments = model.given_moments
     if moments is None or moments.mass.ndim == 1:
         return model
@@ -38,7 +38,7 @@ def parameters_of(model: Model) -> Array:
 def at_parameters(model: Model, parameters: Array) -> Model:
     """Model for dynamics only, at parameters that are not checked and may differ between states.
 
-    They have shape (..., 10 nb), as of `with_parameters`, and any dtype, traced numbers too.
+    They have shape (..., 10 nb), in the order of `with_parameters`, and any dtype, also traced numbers.
     """
     rows = parameters.reshape(*parameters.shape[:-1], model.nb, PARAMETERS)
     m, h, o = rows[..., 0], rows[..., 1:4], model.joint_origin

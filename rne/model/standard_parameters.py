@@ -29,7 +29,7 @@ OF_MOTORS = ("Ia", "Fv", "Fc")  # symbols of coupled motors
 class DriveModel:
     """Torques of the drives that a fit includes: rotors, friction, offsets. All are linear in their parameters.
 
-    Without arguments none is: torques are those of the bodies alone.
+    Without arguments it has none of these: torques are those of the bodies only.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class DriveModel:
 
 
 def drive_argument(drives: Any) -> DriveModel:
-    """Argument `drives`: an rne.DriveModel, or None for bodies alone."""
+    """Argument `drives`: an rne.DriveModel, or None for bodies without drives."""
     if drives is None:
         return DriveModel()
     if not isinstance(drives, DriveModel):
@@ -218,20 +218,17 @@ class StandardParameters(ReadOnlyArrays):
         return found
 
     def load(self, Y: Array, q: Array, qdd: Array, x: Array) -> Array | None:
-        """Loads L of friction under load, (..., n), of bodies with the regressor Y, rotors and springs; else None.
-
-        Their parameters are x.
-        """
+        """Torques L (..., n) of bodies with the regressor Y, rotors and springs with parameters x; None without Fl."""
         if "Fl" not in self.terms:
             return None
         return np.asarray(Y @ x[self.groups["bodies"]] + self.rotor_torques(qdd, x) + self.spring_torques(q, x))
 
     def rotor_torques(self, qdd: Array, x: Array) -> Array:
-        """Torques of rotors without those of coupled motors, of standard parameters x, shape (..., n)."""
+        """Torques of rotors, without coupled motors, with standard parameters x, shape (..., n)."""
         return np.asarray(x[self.groups["Ia"]] * qdd) if "Ia" in self.terms else np.zeros(qdd.shape)
 
     def drive_columns(self, qd: Array, qdd: Array, load: Array | None = None) -> Array:
-        """Torques of the drives per unit of each parameter of theirs, behind those of the bodies, shape (..., n, k).
+        """Torques of the drives per unit of each of their parameters, which follow the bodies', shape (..., n, k).
 
         `qd` and `qdd` (..., n) are joint velocities and accelerations, and `load` the torques L where friction depends
         on them [rad/s or m/s; rad/s^2 or m/s^2; N m or N].
@@ -249,7 +246,7 @@ class StandardParameters(ReadOnlyArrays):
         return np.asarray(self.spring_columns(q) @ pi[self.groups.get("springs", slice(0))])
 
     def drive_torques(self, qd: Array, qdd: Array, x: Array, load: Array | None = None) -> Array:
-        """Torques of the drives with parameters x, those behind the bodies', shape (..., n)."""
+        """Torques of the drives with parameters x, which follow the bodies', shape (..., n)."""
         total = np.zeros(qd.shape)
         for places, shafts, factor in self._shafts(qd, qdd, load):
             total += (factor * x[places]) @ shafts
@@ -267,7 +264,7 @@ class StandardParameters(ReadOnlyArrays):
         return np.array([k for k, _ in found], int), np.stack(values, -1) if found else np.zeros((*qd.shape[:-1], 0))
 
     def _shafts(self, qd: Array, qdd: Array, load: Array | None) -> Iterator[tuple[slice, Array, Array]]:
-        """Slices of each symbol's parameters behind the bodies', the rows of their shafts, torques per unit there."""
+        """For each symbol: slice of its parameters after the bodies', rows of its shafts, torques of these per unit."""
         first, joints = self.groups["bodies"].stop, np.eye(self.model.n)
         for symbol in self.terms:
             place, saturation = self.groups[symbol], self.drives.saturation

@@ -16,17 +16,16 @@ TOOL = "tool0"  # name of an arm's tool frame by the convention of ROS-Industria
 
 
 def end_link(model: Model, *, axes_count: bool = False) -> str:
-    """Link at the end of an unbranched chain, a fixed frame behind the last joint included; see `end_links`."""
+    """Link at the end of an unbranched chain, such as a fixed frame after the last joint; see `end_links`."""
     return end_links(model, axes_count=axes_count)[0]
 
 
 def end_links(model: Model, *, axes_count: bool = False) -> list[str]:
     """Link at the end of an unbranched chain, followed by those with the same frame.
 
-    Of the links that no other is attached to, it is the one that moves with the last joint. If several do, they must
-    have the same origin, and the same axes if `axes_count`; then tool0 is the first, or else the last of them in
-    `link_names`. Otherwise, and where moving joints branch or one mimics another, a ValueError says why, and which
-    links there are to choose from.
+    It has no children and moves with the last joint. If several links do, they must have the same origin, and the same
+    axes if `axes_count`; then tool0 is the first, or else the last of them in `link_names`. Otherwise, and if moving
+    joints branch or one mimics another, a ValueError gives the reason and the links to choose from.
     """
     ends = _ends(model)
     mimics = [joint for i, joint in enumerate(model.moving_joints) if i not in model.independent_joints]
@@ -38,10 +37,8 @@ def end_links(model: Model, *, axes_count: bool = False) -> list[str]:
     else:
         return _of_one_frame(model, ends, axes_count=axes_count)
     candidates = [model.link_names[k] for k in _leaves(model) if model.link_body[k] >= 0 or not model.nb]
-    raise ValueError(
-        f"`link` must be given for robot {model.name!r}: {reason}; its leaf links are {candidates}, others are in "
-        "`link_names`"
-    )
+    choice = f"its leaf links are {candidates}, others are in `link_names`"
+    raise ValueError(f"`link` must be given for robot {model.name!r}: {reason}; {choice}")
 
 
 def _of_one_frame(model: Model, ends: list[int], *, axes_count: bool) -> list[str]:
@@ -54,18 +51,15 @@ def _of_one_frame(model: Model, ends: list[int], *, axes_count: bool) -> list[st
     else:
         first = TOOL if TOOL in names else names[-1]
         return [first, *(name for name in names if name != first)]
-    both = f"{listed(names[:-1])} and {names[-1]}"
-    raise ValueError(
-        f"ambiguous: {both} have different frames, choose one by `link`: the last body of robot {model.name!r} ends "
-        f"{reason}"
-    )
+    both, where = f"{listed(names[:-1])} and {names[-1]}", f"the last body of robot {model.name!r} ends {reason}"
+    raise ValueError(f"ambiguous: {both} have different frames, choose one by `link`: {where}")
 
 
 def tip(model: Model) -> Array | None:
     """End of the last body of an unbranched chain in its frame, the thesis's r_{n-1,n}, shape (3,) [m].
 
-    It is the origin of the frame fixed behind the last joint's link; None if there is none, or several at different
-    points, or the chain branches.
+    It is the origin of the frame fixed to the last joint's link; None if there is none, or several at different points,
+    or the chain branches.
     """
     ends = _ends(model)
     if not model.nb or not _is_chain(model) or not _all_same(model.link_translation[ends]):
@@ -113,8 +107,8 @@ def pinocchio_order(model: Model) -> Array:
 def joint_groups(model: Model) -> list[tuple[int, ...]]:
     """Groups of bodies, in tree order; each group is carried by one body outside of it, or by the base.
 
-    A joint that follows no other and is followed by none is a group by itself. Others are joined with those that follow
-    them, and with the bodies on the paths between them.
+    A joint that follows no other and that none follows is a group by itself. Others are grouped with the joints that
+    follow them, and with the bodies on the paths between them.
     """
     groups = [{i for i, drivers in drivers_of(model).items() if k in drivers} for k in range(model.n)]
     before: list[set[int]] = []
@@ -155,8 +149,8 @@ def drivers_of(model: Model) -> dict[int, list[int]]:
 def loads_not_known(model: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Joints and pivots whose loads are unknown, and the cause: joints coupled by parts not in the model.
 
-    Such parts may load all joints between those that move together, and with them the linkages that have one of these.
-    A joint that carries all of it, or is carried by it, feels the same forces with any parts.
+    Such parts may load all joints between those that move together, and the linkages that contain one of these. Joints
+    that carry all of these, or are carried by them, have the same loads with any such parts.
     """
     closed = {joint for loop in model.loops for joint in loop.followers}
     drivers = drivers_of(model)
@@ -198,7 +192,7 @@ def where_loops_close(model: Model, q: Array) -> Array:
         return q
     lower, upper = (model.coordinate_limits()[name] for name in ("lower", "upper"))
     low, high = (np.clip(x, -np.pi, np.pi) for x in (lower, upper))
-    beyond = low == high  # ranges that begin after half a turn, or end before one in the other sense
+    beyond = low == high  # ranges that begin above pi, or end below -pi
     low = np.where(beyond, np.maximum(lower, upper - 2 * np.pi), low)
     high = np.where(beyond, np.minimum(upper, low + 2 * np.pi), high)
     return np.asarray((low + high) / 2 + 0.4 * (high - low) * np.sin(q))

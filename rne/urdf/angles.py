@@ -26,7 +26,7 @@ LARGEST = 48  # most bodies: kernels of M of longer chains are not written out
 def multiple_of_step(number: str) -> tuple[int, int]:
     """Integer k of the multiple k pi/12 that a decimal number is rounded or truncated from, and its decimals.
 
-    k is 0 for all others, for those of fewer than three decimals, and beyond a full turn.
+    k is 0 for all other numbers, for those with fewer than three decimals, and beyond a full turn.
     """
     value, step = float(number), float(STEP)
     k = round(value / step) if abs(value) <= FULL_TURN else 0
@@ -48,10 +48,10 @@ def name_of(k: int) -> str:
 def read_angles(
     elements: Iterable[tuple[str, Element]], attribute: str, report: FindingsReport, *, rounded: bool
 ) -> None:
-    """Report angles [rad] of elements, with their owners, that are multiples of 15 degrees as far as written.
+    """Note angles [rad] of elements, given with their owners, that are multiples of 15 degrees to the decimals written.
 
-    If they are to be rounded, the elements get the multiples, and the report a finding for each. Those that are the
-    multiple in double precision are none.
+    Angles equal to the multiple in double precision are not noted. With `rounded` the elements get the multiples, and
+    the report a warning for each.
     """
     message, cure = f"angles of {attribute!r} are rounded to multiples of 15 degrees", "write 17 digits"
     for owner, element in elements:
@@ -80,7 +80,7 @@ def origins(root: Element) -> Iterator[tuple[str, Element]]:
 def report_savings(written: Model, rounded: Model, report: FindingsReport) -> None:
     """Warn if kernels of M or inverse dynamics have another number of operations with angles rounded.
 
-    A kernel with too many operations to be written out, which is the recursion, says none.
+    Kernels too large to be written out, which run the recursion, have no such number.
     """
     from ..kernels import compile  # loaded for files with such angles
 

@@ -25,17 +25,17 @@ MAX_DEPTH = 256  # largest depth, libxml2's own limit, which `huge_tree` would l
 XACRO = re.compile(r"(?:\{.*xacro\}|xacro:)(.*)", re.DOTALL)  # elements of all its versions, declared or not
 DEFINITIONS, BUILT_IN = ("property", "arg", "macro", "include"), ("if", "unless", "insert_block", "element", "call")
 SUGGESTED = 1000  # number of findings after which no name is suggested
-# Elements and names of other programs, for which there is no finding; names with an undeclared prefix have their own.
+# Elements and names of other programs, which are no findings; undeclared prefixes have their own finding.
 EXTENSIONS = frozenset(["gazebo", "transmission", "ros2_control", "mujoco", "sensor", "contact", "frame"])
 FOREIGN = re.compile(r"\{[^}]*(?:drake|xacro|w3\.org/(?!2001/XInclude))|[^{:]+:")
 DRAKE, ROTOR, GEAR = (f"{{http://drake.mit.edu}}{name}" for name in ("", "rotor_inertia", "gear_ratio"))
 SIMPLE = "SimpleTransmission"  # the type of a gear between one motor and one joint
 READ, DRAWN = "read", "drawn"  # uses of an element: for dynamics, for pictures
 LARGEST = sys.float_info.max  # number written for a limit that does not exist
-NO_LIMIT = -1.0  # number that manufacturers write for it
+NO_LIMIT = -1.0  # number that manufacturers write instead
 UNDECLARED = 201  # libxml2's number of the error about a prefix without a namespace
-TRUNCATED = (3, 5, 6, 20)  # expat's numbers of errors that are not there before the end
-KINDS = {"Blank needed here": 32, "error parsing attribute name": 65}  # texts that say more than their numbers
+TRUNCATED = (3, 5, 6, 20)  # expat's numbers of errors at the end of a file
+KINDS = {"Blank needed here": 32, "error parsing attribute name": 65}  # texts more specific than their numbers
 CURES = dict.fromkeys((9, 32, 81), "save the file as UTF-8, without control characters, and declare no other encoding")
 CURES |= dict.fromkeys((23, 26, 68), "write & as &amp; and < as &lt;, and begin names with a letter")
 CURES |= dict.fromkeys((38, 65, 73), "close the quotes and the tag before it; within quotes, write < as &lt;")
@@ -69,7 +69,7 @@ class _Prolog:
         raise StopIteration
 
     def close(self) -> None:
-        """Required of a parser target; a well-formed document never gets here."""
+        """Required of a parser target, but not reached in a well-formed document."""
 
 
 def read_bytes(path: str | os.PathLike[str], report: FindingsReport) -> bytes | None:
@@ -81,7 +81,7 @@ def read_bytes(path: str | os.PathLike[str], report: FindingsReport) -> bytes | 
         report.error(None, "file", "is not a regular file", "give the path of a URDF file")
         return None
     with file.open("rb") as stream:
-        return stream.read(MAX_BYTES + 1)  # one more than allowed: `parse` refuses it
+        return stream.read(MAX_BYTES + 1)  # one more than allowed, which `parse` reports
 
 
 def below(file: Path, *folders: Path) -> Path | None:
@@ -114,7 +114,7 @@ def _parsed(data: bytes, report: FindingsReport) -> Element | None:
     from lxml import etree
 
     parser = etree.XMLParser(**STRICT)
-    try:  # a document type declaration declares entities, so it must not be parsed; other errors are found again
+    try:  # a document type may declare entities, so it must not be parsed; the second parse finds other errors
         with suppress(StopIteration, etree.XMLSyntaxError):
             etree.fromstring(data, etree.XMLParser(target=_Prolog(), **STRICT))
         return etree.fromstring(data, parser)
@@ -147,7 +147,7 @@ def _without_controls(root: Element, report: FindingsReport) -> Element:
 
 
 def _error_by_expat(data: bytes) -> Any | None:
-    """Error that expat finds; it knows no namespaces, after an error of which libxml2 stops at </robot>."""
+    """Error found by expat, which ignores namespaces; after an error of these, libxml2 stops at </robot>."""
     from xml.parsers import expat
 
     try:
@@ -260,8 +260,8 @@ RULES = {
     "cylinder": Rule("radius length"),
     "box": Rule("size"),
 }
-# The attributes that hold numbers: how many, and the text that stands for a missing one; None if it must be there.
-# Missing efforts, velocities, accelerations and jerks are infinite once read, as no limit is meant.
+# Attributes that are numbers: how many, and the default of a missing one; None if the attribute is required.
+# Missing efforts, velocities, accelerations and jerks are read as infinite, as no limit is meant.
 NUMBERS: dict[str, dict[str, tuple[int, str | None]]] = {
     "origin": {"xyz": (3, "0 0 0"), "rpy": (3, "0 0 0")},
     "mass": {"value": (1, None)},
@@ -274,7 +274,7 @@ NUMBERS: dict[str, dict[str, tuple[int, str | None]]] = {
     "box": {"size": (3, None)},
     **{tag: {"value": (1, None)} for tag in (ROTOR, GEAR)},
 }
-# Known, but used neither for dynamics nor for drawing: their content is not checked.
+# Known elements that are used neither for dynamics nor for drawing: their content is not checked.
 UNREAD = frozenset(["material", "transmission", "gazebo", "collision", "calibration", "safety_controller"])
 UNREAD |= {"sphere", "mesh", "capsule"}
 
@@ -287,7 +287,7 @@ def describe(element: Element) -> str:
 
 
 def walk(root: Element) -> Iterator[tuple[Element, str, str, str]]:
-    """Every element, the link or joint it belongs to, and its use and its parent's; depth is up to the file."""
+    """Every element, the link or joint that it belongs to, and its use and its parent's; without recursion."""
     stack = [(root, "robot", READ, READ)]
     while stack:
         element, owner, use, around = stack.pop()
@@ -333,7 +333,7 @@ def _cure(tag: str, known: Iterable[str]) -> str:
 
 
 def checked_numbers(parent: Element, tag: str, owner: str, report: FindingsReport) -> dict[str, Any]:
-    """Numbers of a child by attribute, finite ones alone; a finding for each of the others."""
+    """Finite numbers of a child by attribute; a finding for each of the others."""
     child = parent.find(tag)
     found: dict[str, Any] = {}
     for attribute, (count, default) in NUMBERS[tag].items():
@@ -360,7 +360,7 @@ def checked_numbers(parent: Element, tag: str, owner: str, report: FindingsRepor
 
 
 def attribute_numbers(element: Element | None, attribute: str, default: str = "") -> list[float]:
-    """Numbers of an attribute, or of the default if it or the element is missing; none if it is something else."""
+    """Numbers of an attribute, or of the default if it or the element is missing; [] if it has other text."""
     tokens = (default if element is None else element.get(attribute, default)).split()
     are_numbers = all(len(token) <= LONGEST and NUMBER.fullmatch(token) for token in tokens)
     return [float(token) for token in tokens] if are_numbers else []

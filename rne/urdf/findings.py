@@ -26,7 +26,7 @@ class Finding:
     severity : {"error", "warning"}
         A file with errors does not load; warnings change nothing.
     file : str
-        The file, as it was named.
+        The file, as given.
     line : int or None
         The line of the element; None if it has none.
     element : str
@@ -36,7 +36,7 @@ class Finding:
     cure : str
         The way to fix it.
     detail : str
-        The end of the message, after a colon: numbers by which findings of the same kind differ.
+        The end of the message, after a colon: numbers in which findings of the same kind differ.
 
     Examples
     --------
@@ -97,7 +97,7 @@ class FindingsReport:
         return [finding for finding in self.findings if finding.severity == "error"]
 
     def raise_first_error(self) -> None:
-        """Raise UrdfError for the first error, if there is one, and say how many more there are."""
+        """Raise UrdfError for the first error, if there is one, with the number of others."""
         for finding in self.errors:
             others = len(self.errors) - 1
             more = f"; and {counted(others, 'more error')}: `rne check {near_path(self.file)}`" if others else ""

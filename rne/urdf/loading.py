@@ -32,7 +32,7 @@ from .write import to_urdf
 from .xacro import Options, expanded
 
 PACKAGE = "example-robot-data"
-BUILDERS: dict[str, Callable[[], Model]] = {"irb140": irb140}  # the built-in robots, for which no file is read
+BUILDERS: dict[str, Callable[[], Model]] = {"irb140": irb140}  # built-in robots, which need no file
 
 
 @cache
@@ -66,8 +66,8 @@ def robots() -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        Without example-robot-data (`pip install 'rne[robots]'`) the built-in ones alone. Files are listed unread; in
-        version 6.0.0, three have errors, such as inertias that no body has; `rne.load` says what is wrong.
+        Without example-robot-data (`pip install 'rne[robots]'`) only the built-in ones. Files are listed unread; in
+        version 6.0.0, three have errors, such as impossible inertias, which `rne.load` reports.
 
     Examples
     --------
@@ -105,7 +105,7 @@ def unknown(name: str) -> str:
     hint = did_you_mean(name, robots())
     if not library():
         built_in = f"{name!r} is neither a file nor a built-in robot"
-        return f"{built_in}; some 60 more, such as 'ur5', come with pip install 'rne[robots]'{hint.replace(';', ' -')}"
+        return f"{built_in}; about 60 more, such as 'ur5', come with pip install 'rne[robots]'{hint.replace(';', ' -')}"
     return f"{name!r} is neither a file nor one of rne.robots(){hint}"
 
 
@@ -129,8 +129,8 @@ def load(
     Parameters
     ----------
     source : str or path-like
-        A name of `rne.robots()`, such as "irb140", or the path of a file, which goes before a name. For "irb140"
-        no file is read; the others are files of example-robot-data. A file whose root element is `<mujoco>` is MJCF.
+        A name of `rne.robots()`, such as "irb140", or the path of a file, which has priority over a name. "irb140" is
+        built in; the others are files of example-robot-data. A file whose root element is `<mujoco>` is MJCF.
         A file that ends in .xacro is run: it is a program that may read other files and the environment.
     gravity : array_like, shape (3,), optional
         In the axes of the root link [m/s^2]; that of an MJCF file if not given, and (0, 0, -9.81) of all others.
@@ -139,16 +139,16 @@ def load(
     arguments : mapping of str, optional
         Values of the arguments of a xacro file, by name.
     packages : mapping of str to path-like, optional
-        Folders of the ROS packages that a xacro file names, beside those that xacrodoc finds.
+        Folders of ROS packages that a xacro file uses, in addition to those that xacrodoc finds.
     effort, velocity, acceleration, deceleration, jerk : float, array_like of shape (n,), or mapping, optional
-        Limits in place of those of the file, as for `Robot.with_limits`: one number for all joints, one for each, or
+        Limits instead of those of the file, as for `Robot.with_limits`: one number for all joints, one for each, or
         some by the joint's name [N m or N; rad/s or m/s; rad/s^2 or m/s^2, twice; rad/s^3 or m/s^3].
     armature : float, array_like of shape (nb,), or mapping, optional
-        Inertias of the rotors at the joints in place of those of the file, as for `Robot.with_armature` [kg m^2 or kg].
+        Inertias of the rotors at the joints instead of those of the file, as for `Robot.with_armature` [kg m^2 or kg].
     round_angles : bool
         True to take angles of joints and inertials (`rpy` of a URDF or expanded xacro file, `euler` in radians of MJCF)
         as the multiples of 15 degrees that they are rounded or truncated from, such as 1.5708 as pi/2, if at least
-        three decimals are written. Axes stay as written. `rne.check` says what it would save, and names the angles.
+        three decimals are written. Axes stay as written. `rne.check` lists the angles and the operations saved.
 
     Returns
     -------
@@ -158,9 +158,9 @@ def load(
     Raises
     ------
     UrdfError
-        For the first error in the file, naming file, element and attribute, and how many more there are.
+        For the first error in the file, with its element and attribute, and the number of other errors.
     FileNotFoundError
-        If it is neither a file nor a robot's name; suggests names that are near.
+        If it is neither a file nor a robot's name; suggests similar names.
     TypeError
         If `round_angles` is not True or False, or `source` is neither text nor a path.
     ValueError
@@ -234,26 +234,26 @@ def check(
 ) -> list[Finding]:
     """Print all errors and warnings about a URDF, MJCF or xacro file, or about a robot, and return them.
 
-    Errors are what keeps the file from loading. Warnings are what is ignored, and what probably is not meant: degrees
-    or millimetres, centres of mass far outside the robot, masses and inertias of impossible bodies, drives without
-    torque or speed. Rotors are named as they add to M. What other programs add, such as `<gazebo>` and
-    `<ros2_control>`, is no finding. Of angles that `round_angles` rounds, it is said how many operations of M and
-    inverse dynamics that saves, if any, and by how much torques change in 64 random states.
+    A file with errors does not load. Warnings are about parts that are ignored and probable mistakes: degrees or
+    millimetres, centres of mass far outside the robot, masses and inertias of impossible bodies, drives without torque
+    or speed; also about rotors, which add to M. Elements of other programs, such as `<gazebo>` and `<ros2_control>`,
+    are no findings. For angles that `round_angles` rounds, a warning gives the operations of M and inverse dynamics
+    that rounding saves, if any, and the change of torques in 64 random states.
 
     Parameters
     ----------
     source : str, path-like, Robot or Model
-        The path of a file as for `rne.load`, a name of `rne.robots()`, or a robot, such as one of `rne.dh_chain`; of
-        robots that were built and of MJCF, the URDF that `to_urdf` writes is examined; the weight on drives is that
-        of a robot with its couplings.
+        The path of a file as for `rne.load`, a name of `rne.robots()`, or a robot, such as one of `rne.dh_chain`. For
+        robots that were built and MJCF, the URDF that `to_urdf` writes is examined, but the weight on drives includes
+        couplings.
     arguments, packages : mapping of str, optional
         Of a xacro file, as for `rne.load`.
     out : text stream, optional
         Where to print; standard output by default.
     grouped : bool
-        True to print findings of one kind in one line that names the links or joints.
+        True to print findings of one kind in one line, with the names of the links or joints.
     round_angles : bool
-        True to check the robot that `rne.load` makes with it: each angle that is rounded is a warning.
+        True to check the robot as `rne.load` loads it with this option; each rounded angle is a warning.
 
     Returns
     -------
@@ -276,11 +276,11 @@ def check(
     Probable mistakes are: angles of an `<origin>` above 6.3 rad; ranges of revolute joints that end between 12.6
     and 720 rad; a centre of mass farther from its link's origin than five times the robot's size; a radius of gyration
     larger than twice that size. The size is the longest way along the joints' origins, with the strokes of sliding
-    joints and the boxes, cylinders and spheres of the links; meshes are not read. Mass and inertia belong to a body
-    denser than any metal if the solid ellipsoid with both has more than 23 000 kg/m^3: every other body with both has
-    a larger density somewhere. One of less than 1 kg/m^3, a hundredth as thick as long at least, is lighter than air.
-    Sizes and densities of links of 1 g or less are not examined: they often are there for their frame alone. From one
-    moving joint to the next there are at most 20 m, and weight takes at most ten times the effort limits.
+    joints and the boxes, cylinders and spheres of the links; meshes are not read. A body is denser than any metal if
+    the solid ellipsoid with its mass and inertia has more than 23 000 kg/m^3, as every body with these is at least as
+    dense somewhere. It is lighter than air if an ellipsoid at least a hundredth as thick as long has less than
+    1 kg/m^3. Sizes and densities of links of 1 g or less are not examined, as they often serve only as frames. Links
+    longer than 20 m, and weight of more than ten times the effort limits, are reported too.
 
     Examples
     --------
@@ -298,7 +298,7 @@ def check(
     read = described(found, report, *options, round_angles=round_angles)[0] if isinstance(found, str) else found
     root = read
     coupled = root if isinstance(root, Model) and root.couplings else None
-    if isinstance(root, Model):  # what is examined is the URDF that it becomes
+    if isinstance(root, Model):  # the URDF that `to_urdf` writes is examined
         report.has_lines = isinstance(found, Model) and found is not given
         root = validated(to_urdf(replace(root, armature=np.zeros(root.nb)), couplings="drop").encode(), report)
     if root is not None:

@@ -26,7 +26,7 @@ from .findings import ECHO, FindingsReport, echo, some
 MAX_INCLUDES = 100  # most included files
 MAX_ELEMENTS = 20_000  # most compiled elements: the time of some grows quadratically
 MAX_MESHES = 2**27  # largest size of all mesh files [bytes]
-MAX_MADE, LEAST_MADE = 300_000, 2_500  # most vertices of all meshes made by MuJoCo; vertices of a sphere
+MAX_MADE, LEAST_MADE = 300_000, 2_500  # most vertices of all meshes that MuJoCo generates; vertices of a sphere
 SECTIONS = ("compiler", "option", "default", "asset", "worldbody", "equality", "actuator")  # sections that are compiled
 OTHERS = ("contact", "custom", "deformable", "extension", "keyframe", "sensor", "size", "statistic", "tendon", "visual")
 EQUALITIES = ("connect", "weld", "joint", "tendon", "flex", "flexvert", "flexstrain")
@@ -67,9 +67,8 @@ def mjcf_model(root: Element, report: FindingsReport, *, round_angles: bool = Fa
     try:
         with np.errstate(all="ignore"):  # the Model reports what overflows
             parts = [] if report.errors else _parts(m, report)
-        return (
-            None if report.errors else assemble(name, parts, gravity=m.opt.gravity, source=os.path.abspath(report.file))
-        )
+        source = os.path.abspath(report.file)
+        return None if report.errors else assemble(name, parts, gravity=m.opt.gravity, source=source)
     except ModelError as error:
         report.error(None, "robot", str(error), "fix the file")
     return None
@@ -143,8 +142,8 @@ def included(root: Element, report: FindingsReport) -> Element:
 
 
 def _check_elements(root: Element, report: FindingsReport) -> None:
-    """Report names with a namespace, which would hide elements from the checks, unknown ones, makers of bodies, NaN."""
-    for element in (*root.xpath("*"), *root.xpath("equality/*")):  # of these the compiler is not given all
+    """Report unknown names, namespaces (which would hide elements from the checks), generators of bodies, and NaN."""
+    for element in (*root.xpath("*"), *root.xpath("equality/*")):  # the compiler does not get all of these
         if element.tag not in (EQUALITIES if element.getparent() is not root else SECTIONS + OTHERS):
             what = f"<{cut(element.tag, ECHO)}> is no element of MJCF in <{element.getparent().tag}>"
             report.error(element, describe(element), what, "correct its name")
@@ -247,7 +246,7 @@ def _compiled(root: Element, report: FindingsReport) -> Any | None:
     if len(elements) > MAX_ELEMENTS:
         cure = "split the robot, or remove what is not it"
         report.error(None, "file", f"has {len(elements)} elements to compile, more than {MAX_ELEMENTS}", cure)
-    for element in elements:  # each begins a line of its own, by which MuJoCo's errors are traced to the file
+    for element in elements:  # each begins a line, whose number in MuJoCo's errors identifies it
         element.text = "\n" if len(element) else None
         element.tail = "\n" if element.getnext() is not None else None
     try:
@@ -268,7 +267,7 @@ def names_of(m: Any, kind: str) -> list[str]:
 
 
 def unused(name: str, names: Sequence[str]) -> str:
-    """Made-up name with enough "_" behind it to differ from all names of a file."""
+    """The name followed by as many "_" as it needs to differ from all names of a file."""
     while name in names:
         name += "_"
     return name
@@ -284,8 +283,8 @@ def rotation_of(quaternion: Array) -> Array:
 def _parts(m: Any, report: FindingsReport) -> list[Part]:
     """Bodies in MuJoCo's order, each with a part for every joint of it, all but the last massless.
 
-    A joint's frame has its origin on the joint's axis, nearest to the body's. If that is another point than the
-    body's origin, the body is a part of its own that is fixed to the joint's.
+    A joint's frame has its origin where the joint's axis is nearest to the body's origin. If these differ, the body is
+    a separate part, fixed to the joint's.
     """
     links, joints = names_of(m, "body"), names_of(m, "joint")
     parts, part_of, part_of_joint = [Part(link=links[0])], [0], list[int]()
@@ -346,7 +345,7 @@ def _effort(m: Any, j: int, drives: list[int], name: str, report: FindingsReport
 
 
 def _mimics(m: Any, joints: list[str], report: FindingsReport) -> dict[int, Mimic]:
-    """Mimics by the numbers of dependent joints, of those of independent ones.
+    """Mimics of independent joints by the indices of dependent joints.
 
     MuJoCo's constraint is y - y0 = a0 + a1 (x - x0) + ... with y0 and x0 the joints' `ref`.
     """

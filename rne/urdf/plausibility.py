@@ -1,6 +1,6 @@
 """Warnings of likely mistakes in files that load: degrees for radians, drives without torque, impossible bodies.
 
-All of it loads as written; `rne.check` warns. The bounds are wide: what they report is a mistake, or a placeholder.
+Such files load as written; `rne.check` warns. The bounds are wide: what exceeds them is a mistake or a placeholder.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ DENSEST = 23e3  # largest density, a little above osmium [kg/m^3]
 AIR = 1.2  # density of air [kg/m^3]
 SOLIDS = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}  # with attributes of size
 THINNEST = 1.0  # smallest density, less than air [kg/m^3]
-SLENDEREST = 0.01  # axes of a slender ellipsoid relative to its longest: rods and frames are thin
+SLENDEREST = 0.01  # smallest axes of an ellipsoid relative to its longest: rods and frames are thin
 LONGEST = 20.0  # longest link [m]: longer ones are those of cranes, or in millimetres
-OVERLOAD = 10  # torque by weight over an effort limit that is implausible
+OVERLOAD = 10  # implausible torque by weight relative to an effort limit
 POSES = 64  # random positions at which weight and inertia are computed
-NO_INERTIA = 1e-15  # inertia about a joint's axis over the largest of the robot that is rounding error
+NO_INERTIA = 1e-15  # inertia about a joint's axis that is rounding error, relative to the robot's largest
 UNITS, RADIANS = "is the file in millimetres? give metres", "give radians: degrees times pi/180"
 PLACEHOLDER = 1e-3  # mass of a link that may only carry a frame, with any shape and inertia [kg]
 
@@ -83,12 +83,11 @@ def check_bodies(root: Element, model: Model, report: FindingsReport) -> None:
 
 
 def _check_inertia(root: Element, model: Model, report: FindingsReport) -> None:
-    """Warn of joints that move no inertia, point masses on their axes too: M exists, forward dynamics does not."""
+    """Warn of joints that move no inertia, or only point masses on their axes: M exists, forward dynamics do not."""
     M = mass_matrix.core(model, _poses(model))
     largest = np.diagonal(M, axis1=1, axis2=2).max(axis=0, initial=0.0)
-    still = {
-        name for name, m in zip(model.joint_names, largest, strict=True) if m <= NO_INERTIA * largest.max(initial=0.0)
-    }
+    rounding = NO_INERTIA * largest.max(initial=0.0)
+    still = {name for name, m in zip(model.joint_names, largest, strict=True) if m <= rounding}
     for joint in root.findall("joint"):
         if joint.get("name") in still:
             message = "moves no inertia: forward dynamics raises SingularMassMatrixError, or its digits are rounding"
@@ -113,10 +112,8 @@ def _check_lengths_and_weight(root: Element, parts: list[Part], model: Model, re
         if length > LONGEST and parts[part.parent].link not in fixed:  # the first joint may be anywhere in the world
             message = f"the <origin> makes a link longer than {LONGEST:g} m"
             report.warning(joints[part.joint], describe(joints[part.joint]), message, UNITS, detail=f"{length:.3g} m")
-    loads, efforts = (
-        np.abs(gravity_torque.core(model, _poses(model))).max(axis=0),
-        model.coordinate_limits()["effort_limit"],
-    )
+    loads = np.abs(gravity_torque.core(model, _poses(model))).max(axis=0)
+    efforts = model.coordinate_limits()["effort_limit"]
     for name, load, effort in zip(model.joint_names, loads, efforts, strict=True):
         if load > OVERLOAD * effort > 0:
             message, cure = "the drive cannot carry the robot's weight", "check masses, lengths and 'effort' of <limit>"
@@ -125,7 +122,7 @@ def _check_lengths_and_weight(root: Element, parts: list[Part], model: Model, re
 
 
 def _faults(body: LinkBody, size: float, with_coms: float) -> Iterator[tuple[str, str, str]]:
-    """Faults of bodies impossible in a robot of this size: texts, remedies and numbers; the second with centres."""
+    """Faults of a body in a robot of this size, without and with centres of mass: texts, remedies and numbers."""
     measure = max(size, body.radius_of_gyration)
     radius, largest = body.radius_of_gyration, max(size, with_coms)
     if math.isfinite(body.com) and body.com > FAR * measure > 0:
@@ -204,8 +201,8 @@ def robot_size(parts: list[Part], found: list[LinkBody], *, with_coms: bool = Fa
 def _density(mass: float, moments: Array, flattest: float) -> float:
     """Density of the solid ellipsoid with these principal moments, thickened to a part of its longest axis.
 
-    Among bodies of one mass and one largest density, the ellipsoid has the smallest product of second moments. So any
-    body with this mass and these moments is at least as dense somewhere.
+    Among bodies with the same mass and largest density, the ellipsoid has the smallest product of second moments. So
+    any body with this mass and these moments is at least as dense somewhere.
     """
     squares = 5 * (moments.sum() / 2 - moments) / mass if mass > 0 else np.zeros(3)  # of the semi-axes
     longest = float(squares.max())

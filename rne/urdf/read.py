@@ -45,7 +45,7 @@ def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRA
     Raises
     ------
     UrdfError
-        For the first error in the file, naming file, element and attribute, and how many more there are.
+        For the first error in the file, with its element and attribute, and the number of other errors.
     FileNotFoundError
         If there is no such file.
 
@@ -53,9 +53,9 @@ def read_urdf(path: str | os.PathLike[str], *, gravity: ArrayLike = STANDARD_GRA
     -----
     If the origin of a revolute joint is farther out along its axis than ten times the robot's size, far origins are
     moved back along their axes in long double, because a long lever arm costs digits of the dynamics. For a robot of
-    about a metre, this costs no more than a few roundings up to 1e4 m, while at 1e6 m inverse dynamics and M have a
-    relative accuracy of 1.5e-13. Links keep the file's frames; a joint's own frame, in which `rne.dynamics.recursion`
-    reports, is then parallel to its link's and near the robot.
+    about a metre, errors stay at a few roundings up to 1e4 m; at 1e6 m inverse dynamics and M have a relative accuracy
+    of 1.5e-13. Links keep the file's frames; a joint's own frame, used by `rne.dynamics.recursion`, is then parallel to
+    its link's and near the robot.
 
     Examples
     --------

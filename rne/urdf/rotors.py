@@ -27,7 +27,7 @@ def rotors_of(root: Element, report: FindingsReport) -> dict[Any, float]:
         is_simple = SIMPLE in kind and len(names) == len(actuators) == 1 >= len(actuators[0].findall(GEAR))
         for rotor in transmission.iterfind(f"actuator/{ROTOR}"):
             if not is_simple or names[0] not in kinds or names[0] in found:
-                message = f"a rotor must have a {SIMPLE} of its own, with one {own}, {got}"
+                message = f"a rotor must have a separate {SIMPLE}, with one {own}, {got}"
                 report.error(rotor, describe(transmission), message, "write it so, for each joint once")
             elif kinds[names[0]] == "fixed":
                 report.warning(rotor, f"joint {echo(names[0])}", "the rotor of a fixed joint is ignored", "remove it")

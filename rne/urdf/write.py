@@ -25,15 +25,15 @@ def to_urdf(model: Model, *, couplings: Literal["raise", "drop"] = "raise") -> s
     model : Model
         The robot's parameters.
     couplings : {"raise", "drop"}
-        Joints that follow others by couplings, which URDF has no element for: an error, or written as independent ones,
-        each with a comment, and a line on the logger "rne".
+        For joints that follow others by couplings, which URDF does not support: raise an error, or write independent
+        joints, each with a comment and a warning on the logger "rne".
 
     Returns
     -------
     str
         Numbers have all their digits. Merged links are written as fixed joints, their inertia on the body's first
         link. Rotors are written for Drake: `armature` as `<drake:rotor_inertia>` with a `<drake:gear_ratio>` of 1. URDF
-        has no element for gravity: other than (0, 0, -9.81) it is written as a comment, which a reader passes over.
+        has no element for gravity: if it is not (0, 0, -9.81), it is written as a comment, which readers ignore.
 
     Raises
     ------
@@ -60,9 +60,8 @@ def to_urdf(model: Model, *, couplings: Literal["raise", "drop"] = "raise") -> s
         raise ValueError(f'`couplings` must be "raise" or "drop", got {couplings!r}')
     if couplings == "raise":
         what = "a URDF can only say that a joint follows one other in a constant ratio and takes"
-        refuse_couplings(
-            model_argument(model), what, '; rne.to_urdf(model, couplings="drop") writes it as a joint that moves freely'
-        )
+        cure = '; rne.to_urdf(model, couplings="drop") writes it as a joint that moves freely'
+        refuse_couplings(model_argument(model), what, cure)
     dropped = {c.joint: f"joint {c.joint} follows {', '.join(c.drivers)} by a coupling" for c in model.couplings}
     for name in (model_argument(model).name, *model.link_names, *model.joint_names):
         if not all(c in "\t\n\r" or c >= " " for c in name) or any("\ud800" <= c <= "\udfff" for c in name):

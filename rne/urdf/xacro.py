@@ -33,8 +33,8 @@ class _Arguments(dict[str, str]):
 def expanded(report: FindingsReport, arguments: Options, packages: Options) -> str | None:
     """URDF text made by the report's xacro file, with absolute paths of meshes.
 
-    None with an error, or without one if xacrodoc is not installed. Running a xacro file reads what it names: other
-    files, environment variables, packages of ROS.
+    None with an error, or without one if xacrodoc is not installed. A xacro file may read other files, environment
+    variables and ROS packages.
     """
     try:
         from xacrodoc import packages as finders

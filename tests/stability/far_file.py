@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import mpmath
 import numpy as np
 
 import rne
-from rne.basics.arrays import convert_array
 from rne.basics.spatial import combine_bodies
 from rne.model.builder import disassemble
-from rne.model.model import unchecked_model
 
 from ..helpers import assemble
-from .structured import ARRAYS
+from .structured import ARRAYS, in_mpmath
 
 
 def far_text(model, distance, seed=0):
@@ -35,13 +33,13 @@ def far_text(model, distance, seed=0):
 
 def mp(text):
     """The doubles of an attribute, not rounded further."""
-    return convert_array(np.array([float(x) for x in text.split()]), mpmath.mpf)
+    return in_mpmath(np.array([float(x) for x in text.split()]))
 
 
 def mp_pose(origin):
     """Rotation and origin of an <origin>, nothing rounded or snapped."""
     if origin is None:
-        return convert_array(np.eye(3), mpmath.mpf), mp("0 0 0")
+        return in_mpmath(np.eye(3)), mp("0 0 0")
     (cr, sr), (cp, sp), (cy, sy) = ((mpmath.cos(x), mpmath.sin(x)) for x in mp(origin.get("rpy", "0 0 0")))
     yaw = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]], dtype=object)
     pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]], dtype=object)
@@ -57,14 +55,14 @@ def exact_model(text, like):
     root = ET.fromstring(text.encode())
     joints = {j.get("name"): j for j in root.findall("joint")}
     links = {link.get("name"): link for link in root.findall("link")}
-    values = {f.name: getattr(like, f.name) for f in fields(like)}
+    rebuild, (values,) = like.__reduce__()  # as pickle does, without checks
     for name in ARRAYS & values.keys():
         if values[name] is not None and np.isfinite(values[name]).all():
-            values[name] = convert_array(values[name], mpmath.mpf)
+            values[name] = in_mpmath(values[name])
     frames, bodies = {}, [[] for _ in range(like.nb)]
     rotation, translation, axis = [], [], []
     for k, (link, joint) in enumerate(zip(like.link_names, like.link_joints, strict=True)):
-        R, p = convert_array(np.eye(3), mpmath.mpf), mp("0 0 0")
+        R, p = in_mpmath(np.eye(3)), mp("0 0 0")
         if joint:
             host = frames[joints[joint].find("parent").get("link")]
             R, p = mp_pose(joints[joint].find("origin"))
@@ -74,7 +72,7 @@ def exact_model(text, like):
             rotation.append(R)
             translation.append(p)
             axis.append(b / mpmath.sqrt((b * b).sum()))
-            R, p = convert_array(np.eye(3), mpmath.mpf), mp("0 0 0")
+            R, p = in_mpmath(np.eye(3)), mp("0 0 0")
         frames[link] = R, p
         values["link_rotation"][k], values["link_translation"][k] = R, p
         inertial = links[link].find("inertial")
@@ -83,7 +81,7 @@ def exact_model(text, like):
     merged = [combine_bodies(b) if b else (mpmath.mpf(0), mp("0 0 0"), 0 * frames[link][0]) for b in bodies]
     values |= {"rotation": np.array(rotation), "translation": np.array(translation), "axis": np.array(axis)}
     values |= {"mass": np.array([b[0] for b in merged]), "com": np.array([b[1] for b in merged])}
-    return unchecked_model(values | {"inertia": np.array([b[2] for b in merged])})
+    return rebuild(values | {"inertia": np.array([b[2] for b in merged])})
 
 
 def mp_body(inertial, R, p):

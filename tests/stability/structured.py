@@ -17,10 +17,9 @@ import mpmath
 import numpy as np
 
 import rne
-from rne.basics.arrays import convert_array
-from rne.model.model import unchecked_model
 
 ARRAYS = frozenset(f.name for f in fields(rne.Model) if f.type == "Array")
+in_mpmath = np.vectorize(mpmath.mpf, otypes=[object])  # the same numbers
 DIGITS = 50
 CHANGE = mpmath.mpf(10) ** -25  # relative, of every number
 PERTURBATIONS = 3
@@ -46,7 +45,7 @@ class Measured(NamedTuple):
 
 def changed(array, signs):
     """Every number times 1 + CHANGE or 1 - CHANGE, or as it is without signs; symmetric where it is symmetric."""
-    exact = convert_array(np.asarray(array, dtype=float), mpmath.mpf)
+    exact = in_mpmath(np.asarray(array, dtype=float))
     if signs is None:
         return exact
     sign = signs.choice([-1, 1], size=exact.shape)
@@ -57,7 +56,7 @@ def changed(array, signs):
 
 def exactly(core, model, arguments, signs=None):
     """The recursion on 50 digits, of the doubles themselves or of perturbed ones."""
-    values = {f.name: getattr(model, f.name) for f in fields(model)}
+    rebuild, (values,) = model.__reduce__()  # as pickle does, without checks
     for name in sorted(ARRAYS & values.keys()):
         if values[name] is not None and np.isfinite(values[name]).all():
             values[name] = changed(values[name], signs)
@@ -66,7 +65,7 @@ def exactly(core, model, arguments, signs=None):
     if signs is not None:
         sign = signs.choice([-1, 1], size=q.shape).astype(object)
         positions = positions + CHANGE * sign * np.where(model.is_revolute, np.minimum(np.abs(q), np.pi), np.abs(q))
-    return core(unchecked_model(values), positions, *(changed(x, signs) for x in others))
+    return core(rebuild(values), positions, *(changed(x, signs) for x in others))
 
 
 def size(result):
@@ -104,7 +103,7 @@ def relative_size(difference, value):
 def compared(got, exact):
     """The worst state of one answer."""
     with mpmath.workdps(DIGITS):
-        error = relative_size(convert_array(got, mpmath.mpf) - exact.value, exact.value).astype(float)
+        error = relative_size(in_mpmath(got) - exact.value, exact.value).astype(float)
     k = int(np.argmax(error / exact.condition))
     return Measured(float(error[k]), float(exact.condition[k]))
 
