@@ -73,9 +73,7 @@ def test_without_the_package_the_built_in_robots_are_there(without_package):
     assert rne.load("irb140").n == 6
     with pytest.raises(FileNotFoundError) as caught:
         rne.load("ur5")
-    told = (
-        "'ur5' is neither a file nor a built-in robot; about 60 more, such as 'ur5', come with pip install 'rne[robots]'"
-    )
+    told = "'ur5' is neither a file nor a built-in robot; about 60 more, such as 'ur5', come with pip install 'rne[robots]'"
     assert str(caught.value) == told
 
 
