@@ -196,7 +196,7 @@ def test_a_zero_that_no_torque_feels_is_not_told():
     arm = loaded("irb140").locked({f"joint_{k}": 0.3 for k in (1, 2, 3)})
     shift = np.array([0.03, 0.02, 0.4])
     found = rne.compare_models(arm, lambda q, qd, qdd: arm.inverse_dynamics(q + shift, qd, qdd))
-    assert found.text == "zero positions differ: its zero is joint_4 at 0.03, joint_5 at 0.02 [rad or m] of this robot"
+    assert found.text == "zero positions differ: its zero is at joint_4 = 0.03, joint_5 = 0.02 [rad or m] of this robot"
 
 
 def cables(arm):

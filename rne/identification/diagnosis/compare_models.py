@@ -529,17 +529,17 @@ class ModelComparison(InNotebooks):
     difference : ndarray, shape (n,)
         |tau - torques of the robot| / |tau| of each joint, tau being the other's.
     unexplained : ndarray, shape (n,)
-        The same for what the cause leaves.
+        The same for the difference that the cause does not explain.
     accuracy : ndarray, shape (n,)
-        Rounding that is allowed, as a part of |tau|.
+        Allowed rounding as a part of |tau|.
     candidates : tuple of tuple of Cause
         All hypotheses, the best first: one cause, or two that act together.
     equivalent : tuple of str
         Other causes that explain these torques as well, with as few free numbers.
     shares : tuple of float
-        Of the difference, what each of `candidates` leaves.
+        Share of the difference that each of `candidates` does not explain.
     different : str
-        That the robots are different ones, if fewer than half of the joints are the same and no cause is known.
+        A sentence, if no cause is known and fewer than half of the joints are the same in both robots; otherwise empty.
 
     Examples
     --------
@@ -578,14 +578,14 @@ class ModelComparison(InNotebooks):
             Lines of at most 100 characters.
         """
         shares = (column(100 * x, ".3g") for x in (self.difference, self.unexplained, self.accuracy))
-        titles = "before", "explained so", "rounding"
+        titles = "total", "unexplained", "rounding"
         rows = table("|difference| / |torque| [%]", titles, self.joint_names, *shares, indent="  ")
         lines = [*[self.different] * bool(self.different), f"cause: {self.cause}"]
         lines += [*wrapped(f"  {self.text}").splitlines(), *rows]
         if self.equivalent:
             lines.append("indistinguishable from: " + "; ".join(self.equivalent))
         if self.candidates and not self.different:
-            lines.append("hypotheses (share of the difference that is left [%]; free numbers)")
+            lines.append("hypotheses (unexplained share of the difference [%]; free numbers)")
             for causes, share in zip(self.candidates[:SHOWN], self.shares, strict=False):
                 what = f"{numbers_of(causes)}: {together(causes)}: {'; '.join(cause.text for cause in causes)}"
                 lines += wrapped(f"  {100 * share:.3g}; {what}").splitlines()
@@ -609,7 +609,7 @@ def compare_models(
     Parameters
     ----------
     robot : Robot
-        The model that is taken as right. Its joint friction is not part of its torques.
+        The reference. Its joint friction is not part of its torques.
     other : Robot, callable, or tuple of arrays
         Another robot with the same number of joints; a function (q, qd, qdd) -> torques of another library, for arrays
         of shape (N, n); or its numbers (q, qd, qdd, tau), shape (N, n) each. Of measured motions, the report of
@@ -617,7 +617,7 @@ def compare_models(
     tolerance : float
         Differences below this part of the torques of a joint are rounding.
     seed : int
-        Of the random states at which a robot or function is evaluated.
+        Seed of the random states at which a robot or function is evaluated.
     hypotheses : sequence of Hypothesis
         Further causes that are tried.
 

@@ -22,7 +22,7 @@ from ...robot import Robot
 from .. import thresholds
 
 DEGREE = np.pi / 180
-MISTAKEN = {DEGREE: "degrees that are radians", 1 / DEGREE: "radians that are degrees"}
+MISTAKEN = {DEGREE: "in radians as degrees", 1 / DEGREE: "in degrees as radians"}
 QUARTERS = (np.pi / 2, np.pi, -np.pi / 2)
 KINDS = ("joint order", "torque order", "axis flipped", "torque sign", "joint zero", "angle unit")
 
@@ -48,8 +48,8 @@ class Convention(NamedTuple):
 
 def zeros_text(names: Sequence[str], zero: Sequence[float] | Array) -> str:
     """Text of zero positions."""
-    places = [f"{name} at {x:.6g}" for name, x in zip(names, zero, strict=True) if x]
-    return f"zero positions differ: its zero is {listed(places)} [rad or m] of this robot"
+    places = [f"{name} = {x:.6g}" for name, x in zip(names, zero, strict=True) if x]
+    return f"zero positions differ: its zero is at {listed(places)} [rad or m] of this robot"
 
 
 def turning(robot: Robot) -> Array:
@@ -71,7 +71,7 @@ def conventions(robot: Robot, kinds: Iterable[str] = KINDS, *, single: bool = Fa
 
     def unit_text(unit: tuple[float, float]) -> str:
         what = "positions" if unit[1] == 1 else "positions, rates and accelerations"
-        return f"it takes {what} as {MISTAKEN[unit[0]]}"
+        return f"it takes {what} {MISTAKEN[unit[0]]}"
 
     signs = partial(variants, n, 1.0, (-1.0,), most)
     zeros = ((x, k) for x, k in variants(n, 0.0, QUARTERS, most) if not np.any(x, where=slides))
