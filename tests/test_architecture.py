@@ -51,14 +51,14 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 ON_IMPORT = {"basics", "errors", "elementwise", "model", "dynamics", "robot"}  # the rest is imported on first use
 # Largest values that `python -m tests.counts` may print: whoever lowers a count lowers its ceiling.
 CEILINGS = {
-    "lines": 60_815,
+    "lines": 59_277,
     "entries at the top": 23,  # more are not taken in at a glance
     "public names": 54,
-    "internal names imported by tests": 325,
-    "type: ignore": 17,
+    "internal names imported by tests": 227,
+    "type: ignore": 16,
     "private accesses": 4,
-    "functions over 40 lines": 32,
-    "functions over 15 branches": 82,
+    "functions over 40 lines": 28,
+    "functions over 15 branches": 79,
 }
 MAX_NAMES = 25  # of a function: a reader holds no more
 NAMELESS = {"lambda", "listcomp", "setcomp", "dictcomp", "genexpr"}  # functions, as `symtable` calls them
