@@ -76,8 +76,9 @@ def _by_real_parts(name: str, a: Any, b: Any = 0.0) -> Array:
 def _documented(function: Callable[P, Array]) -> Callable[P, Array]:
     """Put the sections on parameters and result, which all these functions share, before the example."""
     names = ", ".join(inspect.signature(function).parameters)
-    text = inspect.cleandoc(function.__doc__ or "") + "\n"  # as Python 3.13 has it, without indentation
-    function.__doc__ = text.replace("Examples\n", SECTIONS.format(names=names))
+    if function.__doc__:  # there is none under -OO
+        text = inspect.cleandoc(function.__doc__) + "\n"  # as Python 3.13 has it, without indentation
+        function.__doc__ = text.replace("Examples\n", SECTIONS.format(names=names))
     return function
 
 

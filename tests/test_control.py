@@ -176,3 +176,5 @@ def test_a_call_without_the_robot_says_so(make):
     """Python itself would say that `reference` is missing."""
     with pytest.raises(TypeError, match=r"^`robot` must be an rne.Robot, got int$"):
         make(50, 20, [1] * 6)
+    with pytest.raises(TypeError, match=r"^`robot` must be an rne.Robot, got Model$"):
+        make(robot=rne.irb140(), kp=50, kd=20, reference=[1] * 6)

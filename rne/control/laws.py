@@ -73,8 +73,8 @@ def of_robot(make: F) -> F:
 
     @functools.wraps(make)
     def checked(*arguments: Any, **options: Any) -> Any:
-        if arguments:
-            robot_argument(arguments[0])
+        if arguments or "robot" in options:
+            robot_argument(arguments[0] if arguments else options["robot"])
         return make(*arguments, **options)
 
     return cast(F, checked)

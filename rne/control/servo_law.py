@@ -107,9 +107,9 @@ def servo(
     The loop sets the voltage of a DC motor whose inductance is neglected. The voltage gives the torque Kp e - Kd qd
     within the stall torque, which the back EMF reduces in proportion to speed. Under full voltage the torque falls
     linearly to 0 at the no-load speed. A motor that brakes is driven against its voltage: its back EMF adds to the
-    voltage, so that the torque is up to twice the torque at rest. A limit of the current is the `effort_limit` of the
-    scene. A servo whose voltage is limited to a share of the supply has that share of both the stall torque and the
-    no-load speed.
+    voltage, so that the torque is at least that at rest and at most twice that. A limit of the current is the
+    `effort_limit` of the scene. A servo whose voltage is limited to a share of the supply has that share of both the
+    stall torque and the no-load speed.
 
     e is the error, from which the dead band is subtracted: no torque within it, kp (|q_ref - q| - dead_band) beyond.
     The velocity of a reference is not used, as a servo is commanded positions; it has no integral, which these servos

@@ -65,7 +65,8 @@ class DriveGains(SetsResult):
     errors : ndarray, shape (n,)
         Standard errors of the gains; NaN for the same joints.
     held_out_rms : ndarray, shape (2, 2, n)
-        Root mean squares of validation errors and torques, as of `PayloadEstimate`; NaN for joints without a gain.
+        Root mean squares of validation errors and torques, without the load and with it, as of `PayloadEstimate`; NaN
+        for joints without a gain [N m or N].
     estimate : LeastSquares
         The base parameters, in N m, with the gains found; then, of a load of which only the mass is known, m cx, m cy,
         m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link's origin; last, the relative changes of the gains.

@@ -29,7 +29,7 @@ class Schedule(NamedTuple):
     """K steps of S stages, common to motions computed side by side."""
 
     tableau: Any
-    positions: int  # number of the first entries that move with the rates at the end of the step, the next entries
+    positions: int  # of the first entries, which a semi-implicit step moves with the rates at its end
     times: Array  # (K, S), of stages, each on its own side of jumps [s]
     begins: Array  # (K,)
     lengths: Array  # (K,)

@@ -63,7 +63,7 @@ class Trace:
         return range(first, first + self.widths[self.of_run])
 
     def divided(self) -> Trace:
-        """Trace that takes what is computed of the argument `of_run` instead of that."""
+        """Trace whose inputs are the results computed from the argument `of_run`, instead of that argument."""
         assert self.of_run is not None
         given = self.coefficients
         of_numbers, program = divided(self.program, given.start, len(given))

@@ -121,7 +121,7 @@ def quintic(start: ArrayLike, end: ArrayLike, duration: float) -> Quintic:
     Returns
     -------
     Quintic
-        A function f(t) -> (q, qd, qdd).
+        A function f(t) -> (q, qd, qdd), each of shape (n,) for one time and (T, n) for an array of T times.
 
     Raises
     ------
@@ -191,8 +191,9 @@ def trapezoidal(start: ArrayLike, end: ArrayLike, duration: float, ramp: float) 
     Returns
     -------
     Trapezoidal
-        A function f(t) -> (q, qd, qdd). Its acceleration jumps at the times `breaks`; `rne.simulate` ends a step at
-        each of them, `rne.ensemble` with its equal steps does not, and is of order 1 there.
+        A function f(t) -> (q, qd, qdd), each of shape (n,) for one time and (T, n) for an array of T times. Its
+        acceleration jumps at the times `breaks`; `rne.simulate` ends a step at each of them, `rne.ensemble` with its
+        equal steps does not, and is of order 1 there.
 
     Raises
     ------
@@ -328,8 +329,9 @@ def spline(t: ArrayLike, q: ArrayLike) -> Spline:
     Returns
     -------
     Spline
-        A function f(t) -> (q, qd, qdd), such as a reference for `rne.control.computed_torque`. Outside the samples it
-        raises ValueError: the motion there is not known, and rest is not assumed.
+        A function f(t) -> (q, qd, qdd), each of shape (n,) for one time and (T, n) for an array of T times, such as a
+        reference for `rne.control.computed_torque`. Outside the samples it raises ValueError: the motion there is not
+        known, and rest is not assumed.
 
     Raises
     ------
@@ -421,9 +423,9 @@ def sampled(t: ArrayLike, values: ArrayLike, kind: str = "hold") -> Sampled:
     Returns
     -------
     Sampled
-        A function f(t) -> (q, qd, qdd), at a sample the values from there on. Positions that are held, and velocities
-        along straight lines, jump at the times `breaks`, at which `rne.simulate` ends a step. Outside the samples it
-        raises ValueError, as `spline` does.
+        A function f(t) -> (q, qd, qdd), each of shape (n,) for one time and (T, n) for an array of T times; at a sample
+        the values from there on. Positions that are held, and velocities along straight lines, jump at the times
+        `breaks`, at which `rne.simulate` ends a step. Outside the samples it raises ValueError, as `spline` does.
 
     Raises
     ------
