@@ -9,11 +9,16 @@ import numpy as np
 import pytest
 
 import rne
-from rne.integrators import compiled_methods, runge_kutta, step_control, tableaus
+from rne.control.traced_law import TracedLaw
+from rne.integrators import compiled_methods, runge_kutta
+from rne.integrators.step_control import Interval, Problem, Storage
+from rne.integrators.tableaus import tableau
 from rne.kernels import Kernel
 from rne.kernels.python_backend import state_function
 from rne.kernels.soundness import NeedsRecursion
 from rne.simulation import run
+from rne.simulation.dry_friction import DryPlant
+from rne.simulation.method_choice import choose_method
 from rne.simulation.plant import Plant
 from rne.simulation.zero_order_hold import ZeroOrderHold
 
@@ -78,7 +83,7 @@ def check(pair, start, duration, *, worse=1.2, luck=0.0, **how):
     those of DOP853 take three of fifteen, and are made for all steps of a block.
 
     Roundings differ between them and between processors, and place the steps: errors are compared over several starts.
-    No error is more than four times SciPy's. Errors below `luck`, relative, are a matter of roundings: they count as equal.
+    No error is more than four times SciPy's, or than `luck`, relative, where SciPy's happens to be smaller.
     """
     times, machine_code = np.linspace(0, duration, 97), is_machine_code(pair[1])
     ratios, counts, excess = {"q": [], "qd": [], "work": []}, [], []
@@ -88,10 +93,10 @@ def check(pair, start, duration, *, worse=1.2, luck=0.0, **how):
         expected, got = (rne.simulate(one, q0, start[1], duration, t_eval=times, **how) for one in pair)
         for name, found in ratios.items():
             right = getattr(exact, name)
-            small, least = (x * max(1.0, np.abs(right).max()) for x in (1e-12, luck))
+            small = 1e-12 * max(1.0, np.abs(right).max())
             errors = [np.abs(getattr(motion, name) - right).max() + small for motion in (expected, got)]
-            found.append(max(errors[1], least) / max(errors[0], least))
-            excess.append(found[-1])
+            found.append(errors[1] / errors[0])
+            excess.append(errors[1] / max(errors[0], luck * max(1.0, np.abs(right).max())))
         counts.append((expected.evaluations, got.evaluations))
     most = np.sum(counts, axis=0)
     assert 0.97 * most[0] <= most[1] <= 1.25 * most[0]
@@ -115,17 +120,29 @@ def test_a_free_swing(free, method):
     assert motion.energy_drift <= 1e-6
 
 
-@pytest.mark.parametrize("method", kept(["RK45", "DOP853"], ["RK45"]))
-def test_a_law_of_time_with_friction_and_limits(driven, method):
-    """Its ledger is integrated on the interpolants of the same steps.
-
-    Torques meet their limits within steps: roundings place those of DOP853, and its errors at single starts, SciPy's
-    too, scatter by a factor of ten around the tolerance, which `luck` allows for.
-    """
-    luck = {"RK45": 1e-7, "DOP853": 1e-6}[method]
-    motion = check(driven, ([0.5, 0.2], [0, 0]), 1.5, method=method, rtol=1e-7, luck=luck)
+def test_a_law_of_time_with_friction_and_limits(driven):
+    """Its ledger is integrated on the interpolants of the same steps."""
+    motion = check(driven, ([0.5, 0.2], [0, 0]), 1.5, method="RK45", rtol=1e-7, luck=1e-7)
     assert motion.energy_drift <= 1e-5
     assert motion.dissipated.keys() == {"viscous", "coulomb"}
+
+
+@pytest.mark.long
+def test_a_law_of_time_with_friction_by_dop853(driven):
+    """As by RK45, with limits that are not reached.
+
+    Where torques reach their limits within steps, roundings place the steps of DOP853, and its errors at single starts,
+    SciPy's too, scatter by a factor of ten around the tolerance: they are bounded, not compared.
+    """
+    start, how = ([0.5, 0.2], [0, 0]), {"method": "DOP853", "rtol": 1e-7}
+    check([replace(scene, effort_limit=[50.0] * 2) for scene in driven], start, 1.5, luck=1e-7, **how)
+    t = np.linspace(0, 1.5, 97)
+    exact, got = (rne.simulate(s, *start, 1.5, t_eval=t, **h) for s, h in zip(driven, (EXACT, how), strict=True))
+    assert (np.abs(got.tau) == 2.0).any()
+    for name in ("q", "qd", "work"):
+        right = getattr(exact, name)
+        np.testing.assert_allclose(getattr(got, name), right, rtol=0, atol=1e-6 * max(1.0, np.abs(right).max()))
+    assert got.energy_drift <= 1e-5
 
 
 def test_the_steps_themselves_are_reported_and_end_at_the_end(free):
@@ -185,7 +202,9 @@ def test_samples_while_joints_stick_and_slip(free, method, monkeypatch):
     motions = []
     for robot in free:
         if robot.model.name == "interpreted":
-            monkeypatch.setattr(rne.Scene, "traced_samples", property(rne.Scene.traced_law))
+            monkeypatch.setattr(
+                rne.Scene, "traced_samples", property(lambda scene: TracedLaw(scene.controller, scene.n))
+            )
         law = rne.control.pid(robot, [30.0, 10.0], [30.0, 10.0], [4.0, 1.0], [0.4, -0.1], windup=2.0)
         friction = rne.Friction(viscous=0.2, coulomb=[1.0, 0.2], static=[1.5, 0.25], smoothing=0)
         limits = {"effort_limit": [9.0, 3.0], "torque_rate": [200.0, 100.0]}
@@ -208,7 +227,7 @@ def test_samples_while_joints_stick_and_slip(free, method, monkeypatch):
 def test_evaluations_are_counted_from_the_last_sample(free, monkeypatch):
     """However many samples one call of machine code takes; too many within one are a loop that diverges."""
     if free[1].model.name == "interpreted":
-        monkeypatch.setattr(rne.Scene, "traced_samples", property(rne.Scene.traced_law))
+        monkeypatch.setattr(rne.Scene, "traced_samples", property(lambda scene: TracedLaw(scene.controller, scene.n)))
     scene = rne.Scene(free[1], controller=rne.control.pd(free[1], 5.0, 1.0, [0.1] * 2), sample_time=0.01)
     monkeypatch.setattr(run, "MAX_EVALUATIONS", 60)
     assert rne.simulate(scene, [0.3, 0.2], [0, 0], 0.1, method="DOP853").status == 0
@@ -220,7 +239,7 @@ def test_evaluations_are_counted_from_the_last_sample(free, monkeypatch):
 def test_samples_of_three_joints_that_cannot_stick(monkeypatch):
     """There are no modes behind the torques."""
     make, model = interpreted(monkeypatch), straight_chain(3)
-    monkeypatch.setattr(rne.Scene, "traced_samples", property(rne.Scene.traced_law))
+    monkeypatch.setattr(rne.Scene, "traced_samples", property(lambda scene: TracedLaw(scene.controller, scene.n)))
     ends = []
     for robot in (rne.Robot(model), make(model)):
         scene = rne.Scene(robot, controller=rne.control.pd(robot, 5.0, 1.0, [0.1] * 3), sample_time=0.01)
@@ -230,9 +249,9 @@ def test_samples_of_three_joints_that_cannot_stick(monkeypatch):
 
 def test_many_short_steps_in_machine_code_are_worth_few_of_lsoda_where_joints_stick(free):
     for robot, viscous, method in ((free[0], 1.0, "LSODA"), (free[1], 1.0, "DOP853"), (free[1], 100.0, "LSODA")):
-        friction = rne.Friction(viscous=10.0 * viscous, coulomb=0.5, smoothing=0)
-        motion = rne.simulate(rne.Scene(robot, friction=friction), [0.5, 0.2], [0, 0], 1.0)
-        assert motion.message.startswith(f"{method}: ")
+        friction = rne.Friction(viscous=500.0 * viscous, coulomb=0.5, smoothing=0)
+        plant = DryPlant(rne.Scene(robot, friction=friction).dynamics, robot)
+        assert choose_method(plant, np.array([0.5, 0.2, 0.0, 0.0, 0.0, 0.0]), 1.0, None)[0] == method
 
 
 def test_a_torque_that_becomes_nan_is_named_with_its_time(free):
@@ -301,14 +320,14 @@ def test_a_step_that_is_cut_ends_exactly_at_the_end():
     t, end = next((a, b) for a, b in np.random.default_rng(0).uniform(0, [0.1, 1.0], (10**4, 2)) if a + (b - a) < b)
     T, X, H = np.full(9, t), np.ones((9, 1)), np.full(9, 10.0)
     K, count, work = np.zeros((8, 7, 1)), np.zeros(8, dtype=np.int64), np.zeros(1)
-    interval = step_control.Interval(tableaus.tableau("RK45"), t, end, -np.inf, np.inf, 1e-6, 1e-9, 1)
+    interval = Interval(tableau("RK45"), t, end, -np.inf, np.inf, 1e-6, 1e-9, 1)
     arguments = np.zeros(1), np.zeros(1)
 
     def at_rest(t, x, rates):
         rates[:] = 0.0
         return True
 
-    problem, steps = step_control.Problem(at_rest, arguments, interval), step_control.Storage(T, X, K, H, count, work)
+    problem, steps = Problem(at_rest, arguments, interval), Storage(T, X, K, H, count, work)
     assert runge_kutta.take_steps(problem, end, runge_kutta.CONTINUE, steps) == 1
     assert T[1] == end
 

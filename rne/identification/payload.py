@@ -188,8 +188,8 @@ def identify_payload(
     consistent : bool
         False to keep the load of least squares, even where no distribution of mass has it.
     drives, cutoff, delay : optional
-        As of `rne.identify_drive_gains`, of torques or currents [Hz, s]; no `drives` with an
-        Identification or DriveGains, whose records keep their delays.
+        Model of the drives, cut-off frequency [Hz] and delay of torques or currents [s], as of
+        `rne.identify_drive_gains`; no `drives` with an Identification or DriveGains, whose records keep their delays.
 
     Returns
     -------
@@ -201,7 +201,8 @@ def identify_payload(
     TypeError
         If `robot`, a record or `drives` is of another type.
     ValueError
-        As of `rne.identify_drive_gains`, except for its mass; or if `link` is not one of the robot's, or does not move.
+        For the reasons of `rne.identify_drive_gains`, except for its mass; or if `link` is not one of the robot's, or
+        does not move.
     IdentificationError
         If the mass is not identifiable, it is negative beyond doubt, or no possible load fits.
     ImportError
