@@ -9,16 +9,11 @@ import numpy as np
 import pytest
 
 import rne
-from rne.control.traced_law import TracedLaw
-from rne.integrators import compiled_methods, runge_kutta
-from rne.integrators.step_control import Interval, Problem, Storage
-from rne.integrators.tableaus import tableau
+from rne.integrators import compiled_methods, runge_kutta, step_control, tableaus
 from rne.kernels import Kernel
 from rne.kernels.python_backend import state_function
 from rne.kernels.soundness import NeedsRecursion
 from rne.simulation import run
-from rne.simulation.dry_friction import DryPlant
-from rne.simulation.method_choice import choose_method
 from rne.simulation.plant import Plant
 from rne.simulation.zero_order_hold import ZeroOrderHold
 
@@ -202,9 +197,7 @@ def test_samples_while_joints_stick_and_slip(free, method, monkeypatch):
     motions = []
     for robot in free:
         if robot.model.name == "interpreted":
-            monkeypatch.setattr(
-                rne.Scene, "traced_samples", property(lambda scene: TracedLaw(scene.controller, scene.n))
-            )
+            monkeypatch.setattr(rne.Scene, "traced_samples", property(rne.Scene.traced_law))
         law = rne.control.pid(robot, [30.0, 10.0], [30.0, 10.0], [4.0, 1.0], [0.4, -0.1], windup=2.0)
         friction = rne.Friction(viscous=0.2, coulomb=[1.0, 0.2], static=[1.5, 0.25], smoothing=0)
         limits = {"effort_limit": [9.0, 3.0], "torque_rate": [200.0, 100.0]}
@@ -227,7 +220,7 @@ def test_samples_while_joints_stick_and_slip(free, method, monkeypatch):
 def test_evaluations_are_counted_from_the_last_sample(free, monkeypatch):
     """However many samples one call of machine code takes; too many within one are a loop that diverges."""
     if free[1].model.name == "interpreted":
-        monkeypatch.setattr(rne.Scene, "traced_samples", property(lambda scene: TracedLaw(scene.controller, scene.n)))
+        monkeypatch.setattr(rne.Scene, "traced_samples", property(rne.Scene.traced_law))
     scene = rne.Scene(free[1], controller=rne.control.pd(free[1], 5.0, 1.0, [0.1] * 2), sample_time=0.01)
     monkeypatch.setattr(run, "MAX_EVALUATIONS", 60)
     assert rne.simulate(scene, [0.3, 0.2], [0, 0], 0.1, method="DOP853").status == 0
@@ -239,7 +232,7 @@ def test_evaluations_are_counted_from_the_last_sample(free, monkeypatch):
 def test_samples_of_three_joints_that_cannot_stick(monkeypatch):
     """There are no modes behind the torques."""
     make, model = interpreted(monkeypatch), straight_chain(3)
-    monkeypatch.setattr(rne.Scene, "traced_samples", property(lambda scene: TracedLaw(scene.controller, scene.n)))
+    monkeypatch.setattr(rne.Scene, "traced_samples", property(rne.Scene.traced_law))
     ends = []
     for robot in (rne.Robot(model), make(model)):
         scene = rne.Scene(robot, controller=rne.control.pd(robot, 5.0, 1.0, [0.1] * 3), sample_time=0.01)
@@ -249,9 +242,9 @@ def test_samples_of_three_joints_that_cannot_stick(monkeypatch):
 
 def test_many_short_steps_in_machine_code_are_worth_few_of_lsoda_where_joints_stick(free):
     for robot, viscous, method in ((free[0], 1.0, "LSODA"), (free[1], 1.0, "DOP853"), (free[1], 100.0, "LSODA")):
-        friction = rne.Friction(viscous=500.0 * viscous, coulomb=0.5, smoothing=0)
-        plant = DryPlant(rne.Scene(robot, friction=friction).dynamics, robot)
-        assert choose_method(plant, np.array([0.5, 0.2, 0.0, 0.0, 0.0, 0.0]), 1.0, None)[0] == method
+        friction = rne.Friction(viscous=10.0 * viscous, coulomb=0.5, smoothing=0)
+        motion = rne.simulate(rne.Scene(robot, friction=friction), [0.5, 0.2], [0, 0], 1.0)
+        assert motion.message.startswith(f"{method}: ")
 
 
 def test_a_torque_that_becomes_nan_is_named_with_its_time(free):
@@ -320,14 +313,14 @@ def test_a_step_that_is_cut_ends_exactly_at_the_end():
     t, end = next((a, b) for a, b in np.random.default_rng(0).uniform(0, [0.1, 1.0], (10**4, 2)) if a + (b - a) < b)
     T, X, H = np.full(9, t), np.ones((9, 1)), np.full(9, 10.0)
     K, count, work = np.zeros((8, 7, 1)), np.zeros(8, dtype=np.int64), np.zeros(1)
-    interval = Interval(tableau("RK45"), t, end, -np.inf, np.inf, 1e-6, 1e-9, 1)
+    interval = step_control.Interval(tableaus.tableau("RK45"), t, end, -np.inf, np.inf, 1e-6, 1e-9, 1)
     arguments = np.zeros(1), np.zeros(1)
 
     def at_rest(t, x, rates):
         rates[:] = 0.0
         return True
 
-    problem, steps = Problem(at_rest, arguments, interval), Storage(T, X, K, H, count, work)
+    problem, steps = step_control.Problem(at_rest, arguments, interval), step_control.Storage(T, X, K, H, count, work)
     assert runge_kutta.take_steps(problem, end, runge_kutta.CONTINUE, steps) == 1
     assert T[1] == end
 
