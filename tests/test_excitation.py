@@ -550,6 +550,9 @@ def test_limits_too_narrow_to_excite():
 def test_something_that_is_no_robot(arm):
     with pytest.raises(TypeError, match=r"^`robot` must be an rne\.Robot, got Model$"):
         rne.excitation(arm.model, 4.0)
+    fixed = arm.locked(dict.fromkeys(arm.joint_names, 0.0))
+    with pytest.raises(ValueError, match=r"^`robot` must have at least one joint, got none$"):
+        rne.excitation(fixed, 4.0)
 
 
 @pytest.mark.parametrize(

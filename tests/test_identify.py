@@ -736,6 +736,22 @@ def test_torques_with_the_wrong_sign_are_not_explained_by_bodies(scene, motions)
         )
 
 
+def test_bodies_of_least_squares_that_have_no_mass_are_no_robot():
+    """Torques do not tell the mass of a body that turns about a fixed axis: it is the given one."""
+    known = first_joints()
+    t, w = np.arange(0, 10, 0.01), np.array([1.3, 2.1, 3.4])
+    q, qd, qdd = np.sin(np.outer(t, w)), w * np.cos(np.outer(t, w)), -(w**2) * np.sin(np.outer(t, w))
+    record = Record(t, q, known.inverse_dynamics(q, qd, qdd))
+    light = known.with_parameters(0 * known.parameters)
+    found = rne.identify(light, record, drives=rne.DriveModel(), consistent=False, causes=False)
+    text = (
+        "least squares gave no possible bodies: fit with `consistent=True`; `parameters`: the body of joint 'joint_2' "
+        "has a first moment and no mass"
+    )
+    with pytest.raises(rne.IdentificationError, match=f"^{re.escape(text)}$"):
+        _ = found.robot
+
+
 def test_plot_has_a_panel_per_joint_and_no_line_across_a_gap(scene, motions):
     t, q, tau = measure(motions[0], torque_noise=NOISE[: scene.n])
     kept = (t < 5) | (t > 6)

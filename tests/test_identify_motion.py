@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import rne
+from rne.basics.inertia import pseudo_inertia
 from rne.identification import Record
 from rne.identification.motion.certainty import Certainty, autocovariance, certainty
 from rne.identification.motion.missing import mistaken_columns
@@ -52,11 +53,11 @@ def planted(scene, end=4.0, rate=100, *, delay=0.0, step=STEP, name="planted"):
     return Record(t, np.round(q / step) * step if step else q, command=command, name=name)
 
 
-def stepped(scene, end=1.0, rate=25, step=0.02, *, rounded=True):
+def stepped(scene, end=1.0, rate=25, step=0.02, *, rounded=True, late=0.0):
     """The same by the steps that a fit takes."""
     t = np.arange(round(end * rate) + 1) / rate
     command = sent(t, scene.n)
-    law = replace(scene.controller, reference=sampled(t, command, "hold"))
+    law = replace(scene.controller, reference=sampled(t + late, command, "hold"))
     motion = CommandedMotion.of(replace(scene, controller=law), (), 0.0, t, {}, step)
     none, start = (0.0, np.ones(scene.n), np.zeros(scene.n)), np.full((2, scene.n), 0.2)
     q = motion.positions(motion.vectors({}), none, start)
@@ -80,20 +81,8 @@ def exactly(text, error=ValueError):
 @pytest.fixture(scope="module")
 def short_fit(rod):
     """Of a planted motion by the same steps, from 50 % off."""
-    record = stepped(scene_of(rod, coulomb=0.0))
-    return rne.identify_motion(scene_of(rod, 1.5, coulomb=0.0), record, WRT[:2], starts=1, step=0.02)
-
-
-def test_masses_that_are_given_and_count_for_nothing_are_named():
-    """Where all torques may be scaled though masses are not fitted, a fit has left them behind."""
-    bodies = rne.Robot(straight_chain(1))
-    light = bodies.with_parameters(1e-9 * bodies.parameters).with_armature(0.05)
-    scene, wrt = scene_of(light, coulomb=0.0), ["controller.kp", "controller.kd", "friction.viscous", "armature"]
-    fit = rne.identify_motion(scene, stepped(scene), wrt, starts=1, step=0.02)
-    assert fit.alike[0] == (
-        "all torques may be scaled together: weight and inertia of the bodies, which are not fitted, are negligible "
-        "beside the torques found; check masses, gravity and the directions of the axes, or give a gain or a rotor"
-    )
+    record = stepped(scene_of(rod, coulomb=0.0), step=0.04)
+    return rne.identify_motion(scene_of(rod, 1.5, coulomb=0.0), record, WRT[:2], starts=1, step=0.04)
 
 
 def test_numbers_are_found(short_fit, rod, tmp_path):
@@ -151,6 +140,205 @@ def test_errors_name_the_argument(rod):
         fit(scene, record, "controller.kq")
     with exactly("`wrt`: the law is sampled, so that the delay of its commands is 'delay', not 'command.delay'"):
         fit(replace(scene, sample_time=0.02), record, "command.delay")
+    with exactly("`wrt` must name one number at least"):
+        fit(scene, record, [])
+    with exactly("`wrt`: 'controller.reference' is replaced by the commands of records"):
+        fit(scene, record, "controller.reference")
+    with exactly("`start['controller.kp']` must be positive, got -1"):
+        fit(scene, record, WRT, start={"controller.kp": -1.0})
+    with exactly("`priors['controller.kp']` must be one number or of shape (1,), got (2,)"):
+        fit(scene, record, WRT, priors={"controller.kp": [1.0, 1.0]})
+
+
+def test_records_of_other_joints_are_refused(rod):
+    scene, t = scene_of(rod), np.arange(50) / 50
+    q = np.sin(6 * t)[:, None]
+    with exactly("record: joint 'joint0' of the scene is not in the record, which has elbow"):
+        rne.identify_motion(scene, Record(t, q, command=q, joint_names=("elbow",)))
+    both = np.hstack([q, q])
+    with exactly("record: has 2 joints without names, the scene has 1"):
+        rne.identify_motion(scene, Record(t, both, command=both))
+
+
+def test_a_law_that_follows_no_positions_of_joints_is_refused(rod):
+    """In task space a reference is a pose."""
+    law = rne.control.operational_space(
+        rod, "rod0", 1.0, 1.0, lambda t: (np.eye(4), np.zeros(6), np.zeros(6)), rows=[4]
+    )
+    t = np.arange(50) / 50
+    own = "`reference` must give shapes (4, 4), (6,) and (6,), got [(1,), (1,), (1,)]"
+    with exactly(f"the controller of `scene` follows no reference that moves: {own}"):
+        rne.identify_motion(replace(scene_of(rod), controller=law), Record(t, t[:, None], command=t[:, None]))
+
+
+def test_only_motions_without_memory_start_in_their_midst(rod):
+    scene, t = scene_of(rod), np.arange(50) / 50
+    record = Record(t, np.sin(6 * t)[:, None], command=np.sin(6 * t)[:, None])
+    friction = {"viscous": 0.1, "coulomb": 0.1}
+    learning = rne.control.adaptive(rod, 4.0, 2.0, sampled([0.0, 1.0], np.zeros((2, 1))), **friction)
+    for kind, changed in {
+        "elastic joints": {"elastic": rne.ElasticJoints(1e3, 1.0)},
+        "the states of the controller": {"controller": learning},
+        "a sampled controller": {"sample_time": 0.02},
+    }.items():
+        text = f"with {kind} a motion cannot start in its midst: leave `shot` out, give records without gaps"
+        with exactly(text):
+            rne.identify_motion(replace(scene, **changed), record, "friction.viscous", shot=0.5)
+
+
+def test_parts_with_too_few_samples_are_refused(rod):
+    scene, t = scene_of(rod), np.arange(250) / 50
+    q = np.sin(6 * t)[:, None]
+    with exactly("no part of the records has 7 samples in a row", rne.IdentificationError):
+        rne.identify_motion(scene, Record(t, q, command=q), WRT, shot=0.1)
+    lost = q.copy()
+    lost[20:30] = np.nan  # a whole part, across which the record is kept together
+    with exactly("joint 1 has 0 measured positions in a part of 0.18 s", rne.IdentificationError):
+        rne.identify_motion(scene, Record(t, lost, command=q, bridge=12), WRT, shot=0.2)
+
+
+def test_numbers_that_no_motion_has_are_refused(rod, short_fit):
+    scene, t = scene_of(rod), np.arange(50) / 50
+    record = Record(t, np.sin(6 * t)[:, None], command=np.sin(6 * t)[:, None])
+    with exactly(
+        "the motion cannot be simulated from any start: give `shot`, or other numbers to start from",
+        rne.IdentificationError,
+    ):
+        rne.identify_motion(scene, record, "controller.kp", start={"controller.kp": 1e100}, starts=1, step=0.05)
+    endless = replace(short_fit, z=short_fit.z + [200.0, 0.0, 0.0, 0.0])  # the gain's logarithm
+    with exactly("the motion cannot be simulated from the start that the positions show", rne.IdentificationError):
+        endless.predict(record)
+
+
+def test_by_default_all_numbers_are_fitted_that_are_not_zero_and_act_apart(rod):
+    """Only a number that is fitted may be given a start; without starts, no fit is made."""
+    t = np.arange(50) / 50
+
+    def are_fitted(scene, names):
+        q, found = np.sin(np.outer(t, [6, 7][: scene.n])), []
+        record = Record(t, q, command=q)
+        for name in names:
+            start = {name: scene.numbers.get(name, 0.1)}
+            with pytest.raises(ValueError, match=r"^`start(s`|` and `priors` must be of what is fitted)") as told:
+                rne.identify_motion(scene, record, start=start, starts=0)
+            found += [name] * str(told.value).startswith("`starts`")
+        return found
+
+    scene, commands = scene_of(rod, coulomb=0.0), ["command.delay", "command.scale", "command.offset"]
+    chosen = ["friction.viscous", "controller.kp", "controller.kd", "parameters", *commands]
+    assert set(are_fitted(scene, [*scene.numbers, *commands, "sensor.scale", "sensor.offset"])) == set(chosen)
+    sampled_law = replace(scene, sample_time=0.02, delay=0.01)
+    assert are_fitted(sampled_law, ["delay", *commands]) == ["delay", *commands[1:]]
+    assert are_fitted(scene_of(robot_of(2, "numpy")), ["armature"]) == ["armature"]  # rotors turn apart from bodies
+
+
+# Of a softly controlled rod, whose motion few steps follow
+
+FEW = {"rate": 20, "step": 0.05}  # samples per second, and as many steps
+
+
+def soft(robot, factor=1.0, kd=0.6, **friction):
+    """PD control at about 1.4 Hz, and friction."""
+    law = rne.control.pd(robot, factor * 6.0, kd, np.zeros(1))
+    friction = {"viscous": 0.1, "coulomb": 0.0, "smoothing": 0.1} | friction
+    return rne.Scene(robot, controller=law, friction=rne.Friction(**friction))
+
+
+@pytest.fixture(scope="module")
+def blind_fit(rod):
+    """By a model without the delay and the Coulomb friction that act, to a log that pauses before its last samples."""
+    record = stepped(soft(rod, coulomb=0.05), 1.5, **FEW, late=0.02)
+    kept = (record.t < 0.99) | (record.t > 1.36)
+    paused = Record(record.t[kept], record.q[kept], command=record.command[kept])
+    wrt = ["controller.kd", "friction.viscous", "friction.stribeck"]
+    return rne.identify_motion(soft(rod, stribeck=[0.1]), paused, wrt, starts=1, step=FEW["step"])
+
+
+def test_what_a_model_misses_is_named_with_its_size(blind_fit):
+    cause = blind_fit.causes[0]
+    assert (cause.kind, cause.joints, cause.numbers) == ("command.delay", ("joint0",), 1)
+    assert abs(cause.value - 0.02) < 4 * cause.error
+    said = rf"a delay of commands is not in the model \(command\.delay {cause.value:.3g} on joint0\): it would explain "
+    share = re.fullmatch(said + r"(.*) % of the residual's squares", cause.text)
+    assert 80 < float(share[1]) < 100
+    assert cause.score == max(cause.score for cause in blind_fit.causes)
+
+
+def test_what_is_said_of_a_model_that_misses_something(blind_fit):
+    rms, times = blind_fit.rms[0], (blind_fit.rms / blind_fit.resolution)[0]
+    assert repr(blind_fit) == (
+        "MotionFit of 3 numbers to 1 record: the model misses something: residuals of joint0 exceed the resolution "
+        f"({rms:.2g} rad rms on joint0, {times:.1f} times its resolution); standard errors account for their correlation "
+        "in time, not for a bias; 3 of 3 numbers not determined"
+    )
+    assert times > 3  # thresholds.FAR_ABOVE_RESOLUTION: no noise leaves as much
+    assert blind_fit.message.endswith("; 3 samples in parts of fewer than 7 not used")
+
+
+def test_a_number_on_which_the_motion_does_not_depend_is_named(blind_fit):
+    """The velocity of a Stribeck effect of size zero; what others do as well is another thing."""
+    assert blind_fit.alike[-1] == "friction.stribeck is not determined: the motion hardly depends on it"
+    assert blind_fit.alike[0] == "controller.kd acts as others together do: give it, or some of them"
+
+
+def test_bodies_of_a_scene_that_was_fitted_are_possible_and_move_as_those_found(rod):
+    """From masses that are a fifth too large; a prior of the gain is the standard error that it keeps."""
+    heavy = rne.Robot(straight_chain(1)).with_parameters(1.2 * rod.parameters).with_armature(0.05)
+    prior, record = 1e-4, stepped(soft(rod), **FEW)
+    how = {"priors": {"controller.kp": prior}, "starts": 1, "step": FEW["step"]}
+    fit = rne.identify_motion(soft(heavy), record, ["parameters", "controller.kp"], **how)
+    assert fit.names == (*(f"parameters: {name}" for name in ("mcx_1", "mcz_1", "Iyy_1")), "controller.kp")
+    assert 0.95 * prior < fit.std[3] <= prior
+    across = 0.3**2 / 3 + 0.05  # of the rod and the rotor
+    assert (np.abs(fit.values - [0, -0.15, across, 6]) < 4 * fit.std).all()
+    bodies = fit.scene().numbers["parameters"]
+    assert np.linalg.eigvalsh(pseudo_inertia(bodies)).min() > 0
+    moments = bodies[[1, 3, 6]] + [0, 0, 0.05]
+    assert (np.abs(moments - fit.values[:3]) < 0.5 * fit.std[:3]).all()  # as near as the given bodies draw them
+
+
+def test_masses_that_are_given_and_count_for_nothing_are_named():
+    """Where all torques may be scaled though masses are not fitted, a fit has left them behind."""
+    bodies = rne.Robot(straight_chain(1))
+    light = bodies.with_parameters(1e-9 * bodies.parameters).with_armature(0.05)
+    scene, wrt = soft(light), ["controller.kp", "controller.kd", "friction.viscous", "armature"]
+    fit = rne.identify_motion(scene, stepped(scene, **FEW), wrt, starts=1, step=FEW["step"])
+    assert fit.alike[0] == (
+        "all torques may be scaled together: weight and inertia of the bodies, which are not fitted, are negligible "
+        "beside the torques found; check masses, gravity and the directions of the axes, or give a gain or a rotor"
+    )
+
+
+def test_from_a_start_in_another_valley_several_starts_lead_out(rod):
+    """From three times the gain, whose oscillation is out of step, one start ends at four times the gain."""
+    weak = {"kd": 0.05, "viscous": 0.05}
+    record = stepped(soft(rod, **weak), **FEW)
+    how = {"starts": 2, "folds": 2, "step": FEW["step"]}
+    fit = rne.identify_motion(soft(rod, 3.0, **weak), record, "controller.kp", **how)
+    assert abs(fit.values[0] - 6) < 4 * fit.std[0]
+    assert (fit.rms < fit.validation_error).all()  # as half of the motion is predicted by the other half
+    assert (fit.validation_error < 4 * fit.rms).all()
+
+
+def test_as_many_folds_are_refused_as_records_have_no_parts_for(rod):
+    """Of 27 samples, one part of four has fewer than seven."""
+    scene = soft(rod)
+    with exactly("`folds` must be at most 3, the parts that records can be cut into, got 4"):
+        rne.identify_motion(scene, stepped(scene, 1.3, **FEW), "controller.kp", starts=1, folds=4, step=FEW["step"])
+
+
+def test_positions_are_predicted_where_they_were_measured_and_drawn(short_fit):
+    """One sample is missing, over which the record is put on a grid."""
+    (whole,) = short_fit.problem.records
+    kept = np.arange(len(whole.t)) != 9
+    record = Record(whole.t[kept], whole.q[kept], command=whole.command[kept], name="other", stamps="sampled")
+    q, std = short_fit.predict(record, std=True)
+    assert q.shape == record.q.shape
+    assert (np.abs(q - record.q) < 4 * std).all()
+    figure = short_fit.plot(record)
+    assert figure.get_suptitle() == "Positions of other"
+    with exactly("record: the record has torques and no commands: rne.identify fits a model from these"):
+        short_fit.plot(Record(whole.t, whole.q, whole.q))
 
 
 # Columns that are mistaken
@@ -395,11 +583,6 @@ def test_joints_are_taken_by_name():
     a, b = (fitted(scene_of(robot, 1.2), x) for x in (record, named))
     np.testing.assert_allclose(a.values, b.values, rtol=1e-12)
     assert np.abs(off(a, scene)).max() < 4
-    lost = Record(record.t, record.q, command=record.command, joint_names=("joint0", "other"))
-    with exactly("record: joint 'joint1' of the scene is not in the record, which has joint0, other"):
-        fitted(scene, lost)
-    with exactly("record: has 1 joints without names, the scene has 2"):
-        fitted(scene, Record(record.t, record.q[:, :1], command=record.command[:, :1]))
 
 
 @long

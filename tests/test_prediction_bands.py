@@ -113,6 +113,12 @@ def test_torques_that_depend_on_what_the_log_says_nothing_of_have_no_finite_devi
     assert np.isinf(std[:, 2]).all()
     resting = found.check(log(3, still=[2])[1]).std
     assert np.isfinite(resting).all(0).tolist() == [True, True, False]
+    text = (
+        "the log does not determine all parameters, and deviations may be infinite: Move all joints farther and faster: "
+        "`rne.excitation` finds a motion"
+    )
+    with pytest.raises(rne.IdentificationError, match=f"^{re.escape(text)}$"):
+        found.kernel(std=True)
 
 
 def test_draws_are_possible_bodies_that_scatter_as_the_standard_errors_say(found):
@@ -205,6 +211,31 @@ def test_bodies_that_are_not_possible_give_no_draws(found):
     parameters[20:30] = [1.0, 0.0, 0.0, 0.0, 10.0, 0.0, 1.0, 0.0, 0.0, 1.0]
     with pytest.raises(rne.IdentificationError, match="the bodies found are no possible ones"):
         replaced(found, parameters).draws(3)
+
+
+def test_bodies_that_hardly_any_trial_makes_possible_give_no_draws():
+    """A slow short log under a prior that says little; one that says more gives them, as the error proposes."""
+    found = rne.identify(
+        first_joints(),
+        log(0, scale=0.2, duration=2.0)[1],
+        causes=False,
+        drives=rne.DriveModel(friction="viscous+coulomb"),
+    )
+    assert found.draws(2)["parameters"].shape == (2, 30)
+    text = r"only 0 % of the trials give possible bodies: excite the motion more, or fit with a smaller `prior_std`"
+    with pytest.raises(rne.IdentificationError, match=f"^{text}$"):
+        replace(found, prior_std=100.0).draws(2)
+
+
+def test_a_log_of_which_nothing_was_left_out_says_nothing_of_other_motions(found):
+    silent = replace(found.bands, largest=np.full(3, np.nan))
+    text = "the error of predictions for another motion is unknown: no block of the log was left out of a fit"
+    assert silent.text(found.initial.joint_names, ["N m"] * 3) == text
+
+
+def test_what_is_no_record_is_not_checked(found):
+    with pytest.raises(TypeError, match=r"^`record` must be an rne\.identification\.Record, got str$"):
+        found.check("log.csv")
 
 
 def test_draws_of_a_file_without_the_prior_say_what_they_take(found, tmp_path):

@@ -551,6 +551,23 @@ class TestIdentification:
         with pytest.raises(rne.IdentificationError, match=f"^{text}$"):
             _ = found.springs
         assert f"springs: {text}" in found.report(details=True)
+        text = "springs are not written out: use `predict`, or `scene` for the equations"
+        with pytest.raises(rne.IdentificationError, match=f"^{text}$"):
+            found.kernel()
+
+    def test_a_spring_that_pushes_the_wrong_way(self):
+        """Its torques are taken away instead of added."""
+        t, q, qd, qdd = multisine(1, 10, 200, 4)
+        spring, robot = rne.Spring.at_joint("swing", 50, 0.0), pendulum()
+        without, sprung = (rne.Scene(robot, springs=x).inverse_dynamics(q, qd, qdd) for x in (None, [spring]))
+        record = rne.identification.Record(t, q, 2 * without - sprung)
+        options = {"consistent": False, "causes": False, "drives": rne.DriveModel()}
+        with pytest.warns(rne.IdentificationWarning, match="^k_spring1 comes out negative, -50 .* which no spring has"):
+            found = rne.identify(robot, record, springs=[spring], **options)
+        text = r"the stiffness k_spring1 comes out negative, (.*): fit with `consistent=True`"
+        with pytest.raises(rne.IdentificationError, match=f"^{text}$") as told:
+            _ = found.springs
+        assert float(re.fullmatch(text, str(told.value))[1]) == pytest.approx(-50, rel=1e-2)
 
     def test_damping_is_refused(self, irb140):
         t, q, _, _ = multisine(6, 2, 200, 5)
