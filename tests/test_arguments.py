@@ -125,6 +125,16 @@ def test_locked_takes_a_mapping(irb140, positions):
         irb140.locked(positions)
 
 
+def test_joints_are_locked_at_one_position_each(irb140):
+    with pytest.raises(ValueError, match=r"^`positions\['joint_2'\]` must be one number, got shape \(2,\)$"):
+        irb140.locked({"joint_1": 0.0, "joint_2": [0.0, 1.0]})
+
+
+def test_couplings_are_refused_or_dropped_in_a_file():
+    with pytest.raises(ValueError, match=r'^`couplings` must be "raise" or "drop", got \'keep\'$'):
+        rne.to_urdf(rne.irb140(), couplings="keep")
+
+
 def test_a_name_that_xml_cannot_hold_is_refused():
     with pytest.raises(
         ValueError, match=r"^'a\\x00b' cannot be written to XML, which has no control characters; rename it$"

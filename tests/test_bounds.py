@@ -36,7 +36,7 @@ from rne.bounds.criteria import Coriolis, LargestOfInverse, Modulus, Norm, posit
 from rne.bounds.polynomials import Polynomial
 
 from .helpers import Part, assemble, first_joints, kept, pose
-from .random_robots import random_tree
+from .random_robots import random_tree, straight_chain
 
 QUANTITIES = ("gravity_torque", "gravity_stiffness", "mass_matrix", "mass_eigenvalues", "coriolis", "torque")
 
@@ -824,6 +824,16 @@ def test_torques_inside_of_the_range_of_a_rate_are_attained():
 def test_errors_name_what_is_wrong(irb140, options, message):
     with pytest.raises(ValueError, match=message):
         irb140.bounds(**options)
+
+
+def test_bounds_of_too_many_joints_name_those_to_lock(monkeypatch):
+    monkeypatch.setattr("rne.bounds.polynomials.MOST_SAMPLES", 20)
+    text = (
+        "^bounds of gravity_torque need 3\\^3 samples, one factor for each of the joints \\['joint0', 'joint1', 'joint2'\\]; "
+        "lock those that do not matter \\(Robot.locked\\)$"
+    )
+    with pytest.raises(ValueError, match=text):
+        rne.Robot(straight_chain(3)).bounds(quantities=["gravity_torque"])
 
 
 def test_a_payload_of_a_branched_robot_is_refused_with_the_cure():

@@ -531,6 +531,13 @@ def test_bounds_are_where_the_documentation_says(case, check):
     assert check(changed(1, BOUNDS[case](1.001)))[-1] == "r.urdf: 1 warning: loads as written"
 
 
+def test_the_size_that_an_inertia_is_compared_with_counts_centres_of_mass(check):
+    """A radius of gyration of 3 m is large for a robot of 1 m, and not for one whose centre of mass is 4 m away."""
+    for x, findings in ((0.0, "1 warning: loads as written"), (4.0, "no findings")):
+        arm = link("arm", mass="1e3", inertia="9e3", origin=f'<origin xyz="{x} 0 0"/>')
+        assert check(changed(1, arm))[-1] == f"r.urdf: {findings}"
+
+
 def test_volumes_of_balls_are_theirs():
     assert measured(placed('<sphere radius="0.5"/>')).shapes.largest_volume == pytest.approx(np.pi / 6)
 

@@ -712,6 +712,53 @@ ERRORS = {
         rne.ModelError,
         "the axes of joints 'arm' and 'crank' are not those of a slider-crank",
     ),
+    "a loop of five that is no parallelogram": (
+        lambda m: four_bar(
+            tree(
+                part("crank", 0, (0, 0, 0)),
+                part("coupler", 1, (0, 0, 0.35)),
+                part("rocker", 0, (0.8, 0, 0)),
+                part("tip", 3, (0, 0, 0.4)),
+            ),
+            "crank",
+            (("coupler", (0.8, 0, 0.25)), ("tip", (0, 0, 0.2))),
+        ),
+        rne.ModelError,
+        "a loop with ['crank', 'rocker'] must be a parallelogram, these on one axis",
+    ),
+    "a cylinder beside its pivots": (
+        lambda m: cylinder(
+            tree(
+                part("boom", 0, (0, 0, 0)),
+                part("barrel", 0, (0.5, 0, 0)),
+                part("rod", 2, (0, 0, 0.3), (0, 0, 1), kind="prismatic"),
+            ),
+            "rod",
+            (("rod", (0.1, 0, 0)), ("boom", (0.6, 0, 0.3))),
+        ),
+        rne.ModelError,
+        "the axis of joint 'rod' must be parallel to the line between the cylinder's pivots",
+    ),
+    "a crank that is no joint": (
+        lambda m: coupled(m, {"arm": slider_crank("x", crank=0.1, rod=0.5)}),
+        ValueError,
+        "`driver` must be one of ['crank', 'coupler', 'rocker', 'arm'], got 'x'",
+    ),
+    "a joint that can hardly follow two": (
+        lambda m: rne.dynamics.base_parameters(
+            coupled(
+                tree(part("a", 0, (0, 0, 0)), part("b", 1, (0, 0, 1)), part("c", 2, (0, 0, 1))),
+                {"c": (("a", "b"), lambda x, y: np.sqrt(1e-6 - x * x * y * y))},
+            )
+        ),
+        rne.ModelError,
+        "joint 'c' of robot 'linkage' hardly ever can follow a, b in their ranges",
+    ),
+    "a constant map": (
+        lambda m: linkage("bar")[0].coordinate_map,
+        rne.ModelError,
+        "joint 'coupler' of robot 'linkage' follows others by no constant",
+    ),
     "dead point": (
         lambda m: coupled(linkage("engine")[1], {"crank": slider_crank("slider", crank=0.1, rod=0.5)}),
         rne.ModelError,

@@ -92,6 +92,12 @@ def test_the_header_says_joints_units_limits_and_what_a_thread_may_do(lever):
     ]
 
 
+def test_the_example_starts_in_the_middle_of_the_ranges(lever):
+    """Joints without one start at zero."""
+    text = (lever[0] / "example" / "gravity_compensation.cpp").read_text()
+    assert "Vector q{{0.0, 1.5, 0.0}}, qd{};" in text
+
+
 def test_no_name_of_a_file_leaves_its_literal_or_its_comment(tmp_path):
     """Joints are named in literals, by numbers of what is not plain; robot and links in comments, without such signs."""
     known, names = gimbal(), ("*/ int main(){} /*", 'a"; int x = 1; //', "b\\\nc??/%NAME%")
@@ -147,6 +153,56 @@ REFUSED = {
 def test_what_cannot_be_written_is_refused(text, tmp_path):
     with pytest.raises(ValueError, match=f"^{text}"):
         rne.export.cmake(gimbal_with_limits(), tmp_path, **REFUSED[text])
+    assert not [*tmp_path.iterdir()]
+
+
+OTHERS_REFUSED = {  # of other robots and scenes
+    "`given` must be a Robot, a Scene or an Identification, got Model": (lambda robot: robot.model, {}),
+    "`payload`: the scene has one already; numbers=['payload'] makes it an argument": (
+        lambda robot: rne.Scene(robot, payload=rne.Payload(1.0, link="c")),
+        {"payload": "c"},
+    ),
+    "robot 'gimbal' has no joint that moves": (lambda robot: robot.locked(dict.fromkeys(robot.joint_names, 0.6)), {}),
+    "`numbers`: 'controller.reference' are samples of a motion, which are constants of the text": (
+        lambda robot: rne.Scene(
+            robot,
+            controller=rne.control.pd(
+                robot, 5.0, 2.0, rne.trajectories.sampled([0.0, 0.5, 1.0], np.arange(9.0).reshape(3, 3) / 9)
+            ),
+        ),
+        {"numbers": ["controller.reference"]},
+    ),
+    "`numbers` must have 'parameters', which contain the payload, or 'payload', not both": (
+        lambda robot: rne.Scene(robot, payload=rne.Payload(1.0, link="c")),
+        {"numbers": ["parameters", "payload"]},
+    ),
+    "'controller' needs a scene with a law that can be traced": (rne.Scene, {"quantities": ["controller"]}),
+    "'friction_torque' needs a scene with friction that depends only on velocities": (
+        rne.Scene,
+        {"quantities": ["friction_torque"]},
+    ),
+}
+
+
+@pytest.mark.parametrize("text", OTHERS_REFUSED)
+def test_scenes_that_cannot_be_written_are_refused(text, tmp_path):
+    make, how = OTHERS_REFUSED[text]
+    with pytest.raises((TypeError, ValueError), match=f"^{re.escape(text)}$"):
+        rne.export.cmake(make(gimbal_with_limits()), tmp_path, **how)
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["arm", "--payload-at", "hand"], "`payload` must be one of ['base_link', 'link1', 'link2'], got 'hand'"),
+        (["arm.fmu", "--payload-at", "hand"], "`link` must be one of ['base_link', 'link1', 'link2'], got 'hand'"),
+    ],
+)
+def test_what_the_command_cannot_write_is_said_in_one_line(words, text, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", "double_pendulum", *words]) == 2
+    assert capsys.readouterr().err == f"error: {text}\n"
     assert not [*tmp_path.iterdir()]
 
 

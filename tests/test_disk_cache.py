@@ -240,6 +240,16 @@ class TestFiles:
         assert disk_cache.read(key("1")) is None
         assert disk_cache.read(key("last")) == bytes(1000)
 
+    def test_a_file_that_cannot_be_finished_leaves_nothing(self, place, monkeypatch, caplog):
+        def refuse(*_, **__):
+            raise PermissionError(13, "Permission denied")
+
+        monkeypatch.setattr("os.replace", refuse)
+        with caplog.at_level(logging.INFO, logger="rne"):
+            disk_cache.write("a", b"code")
+        assert [*place.iterdir()] == []
+        assert f"object code is not kept in {place}: [Errno 13] Permission denied" in caplog.text
+
     def test_reading_counts_as_use(self, place):
         disk_cache.write("a", b"code")
         os.utime(place / "a.rne", (1, 1))

@@ -643,6 +643,10 @@ def test_no_starts_give_no_motions(chain):
         ),
         ({"step": None, "rtol": 0}, "`rtol` must be positive, got 0.0"),
         (
+            {"parameters": np.ones(20), "numbers": {"parameters": np.ones(20)}},
+            "`parameters` and `numbers['parameters']` are the same: give one of them",
+        ),
+        (
             {"step": None, "method": "rk4"},
             "`method` must be 'auto' or one of ['RK45', 'RK23', 'DOP853', 'Tsit5', 'Radau', 'BDF', 'LSODA', 'Rodas5P'], got "
             "'rk4'; equal steps need `step`",
@@ -679,6 +683,13 @@ def test_steps_too_long_for_friction_are_doubted(irb140):
         rne.ensemble(scene, start, 0 * start, 0.1, step=2e-3)
     weak = rne.Scene(irb140, friction=rne.Friction(viscous=5e-3))
     assert abs(rne.ensemble(weak, start, 0 * start, 0.1, step=2e-3).q).max() < 1
+
+
+@pytest.mark.parametrize("parts", [{"stops": True}, {"friction": rne.Friction(coulomb=1.0, smoothing=0)}])
+def test_fixed_steps_refuse_events(chain, parts):
+    text = "^`step` is not for scenes with `stops` or sticking friction: leave it out$"
+    with pytest.raises(ValueError, match=text):
+        rne.ensemble(rne.Scene(chain, **parts), [[0, 0]], [[0, 0]], 0.1, step=0.01)
 
 
 def test_fixed_steps_refuse_called_laws(chain):

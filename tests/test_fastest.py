@@ -278,6 +278,12 @@ def test_what_is_refused_and_why(case, arm, irb140):
         fastest(irb140 if robot == "irb140" else arm, points, **options)
 
 
+def test_a_law_that_follows_a_path_cannot_be_traced(arm, smooth):
+    text = "^`law` cannot be traced: TypeError: a motion along a path is evaluated with numbers and cannot be traced$"
+    with pytest.raises(TypeError, match=text):
+        rne.control.compiled(rne.control.pd_gravity(arm, 50.0, 20.0, smooth))
+
+
 @pytest.mark.parametrize(("stops", "error", "text"), [
     ([2], ValueError, "`stops` must be indices of points, 0 to 1, got 2"),
     ([True], ValueError, "`stops` must be indices of points, 0 to 1, got True"),

@@ -329,6 +329,7 @@ def test_mutants_are_found(tmp_path, monkeypatch, mutant):
         ({}, {"q0": [0.0, 0]}, "`q0` must have shape"),
         ({}, {"fmi": "1.0"}, "`fmi` must be '2.0' or '3.0', got '1.0'"),
         ({}, {"platforms": ["aarch64-linux"]}, "`platforms` must be some of"),
+        ({"locked": {f"joint_{k}": 0.0 for k in (1, 2, 3)}}, {}, "robot 'irb140' has no joint that moves"),
     ],
 )  # fmt: skip
 def test_what_no_unit_can_have_is_refused(tmp_path, parts, how, said):

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import zipfile
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -254,6 +255,27 @@ def test_types_in_archives_are_those_of_annotations(place, value, error, origina
         rne.Trajectory.load(archive(file, texts=np.array(json.dumps(texts)), **arrays))
 
 
+def test_texts_and_arrays_of_archives_have_a_longest_and_a_largest_one(originals, tmp_path, monkeypatch):
+    """What is read back is written; nothing larger."""
+    (file := tmp_path / "motion.npz").write_bytes(originals["motion"])
+    motion, again = rne.Trajectory.load(file), tmp_path / "again.npz"
+    monkeypatch.setattr("rne.basics.archive.LONGEST", 1000)
+    with pytest.raises(ValueError, match=f"^{re.escape(repr(str(file)))} is not written by Trajectory.save$"):
+        rne.Trajectory.load(file)
+    monkeypatch.setattr("rne.basics.archive.LARGEST", 1000)
+    with pytest.raises(
+        ValueError, match=r"^the arrays take \d+ bytes, more than the 1000 that are read; keep fewer samples$"
+    ):
+        motion.save(again)
+    assert not again.exists()
+
+
+def test_what_an_archive_cannot_have_is_no_part_of_a_motion(originals, tmp_path):
+    (file := tmp_path / "motion.npz").write_bytes(originals["motion"])
+    with pytest.raises(TypeError, match=r"^set cannot be written to a file$"):
+        replace(rne.Trajectory.load(file), scene={"a", "b"}).save(tmp_path / "again.npz")
+
+
 def test_texts_nested_deeply_are_no_archive(tmp_path):
     for text, error in (("[" * 9**5, "is not written by Trajectory.save"), ('{"version": 2, "value": ' + "[" * 900 + "]" * 900 + "}", "is damaged (RecursionError")):  # fmt: skip
         with pytest.raises(ValueError, match=re.escape(error)):
@@ -309,6 +331,13 @@ def test_names_in_logs_have_a_longest_one(name, tmp_path):
     """The patterns that look for units and numbers take quadratic time."""
     file = tmp_path / "log.csv"
     file.write_text(f"t,q.a,tau.a,{name}\n" + "0,0,0,0\n" * 9)
+    with pytest.raises(ValueError, match=r"names of columns and joints must have at most 200 characters, .* has 10000"):
+        rne.identification.Record.from_log(file)
+
+
+def test_names_of_joints_in_messages_have_a_longest_one(tmp_path):
+    file, name = tmp_path / "log.csv", "x" * 10**5
+    file.write_text("".join(f"1700000000,{k},,{name},0,1,2\n" for k in range(9)))
     with pytest.raises(ValueError, match=r"names of columns and joints must have at most 200 characters, .* has 10000"):
         rne.identification.Record.from_log(file)
 

@@ -4,6 +4,7 @@ import inspect
 import itertools
 import pickle
 import re
+import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
 
@@ -524,6 +525,11 @@ class TestScalars:
         with pytest.raises(TypeError, match="a traced number has no value"):
             misuse(x)
 
+    @pytest.mark.parametrize(("other", "kind"), [(None, "NoneType"), ("a", "str"), (1j, "complex")])
+    def test_what_is_no_real_number_is_named(self, x, other, kind):
+        with pytest.raises(TypeError, match=f"^a traced number cannot be combined with {kind}$"):
+            _ = x + other
+
     def test_an_array_times_a_number_is_an_array_of_numbers(self, x):
         for product in (np.array([1.0, 2.0]) * x, x * np.array([1.0, 2.0])):
             assert [entry.ref for entry in product] == [x.ref, (2.0 * x).ref]
@@ -611,6 +617,26 @@ class TestScalars:
             for call, arguments in workspace.calls(2):
                 call(*arguments)
             assert workspace.rows[2:8, 1].tolist() == expected
+
+
+def test_a_kernel_without_samples_has_no_pieces():
+    kernel = rne.compile(rne.dynamics.gravity_torque, straight_chain(2))
+    with pytest.raises(TypeError, match=f"^{re.escape(repr(kernel))} has no samples of a motion$"):
+        kernel.piece([0.5])
+
+
+@pytest.mark.parametrize(
+    ("module", "text"),
+    [
+        ("jax", "`to_jax` needs JAX, which is not installed: pip install 'rne[jax]'"),
+        ("torch", "`to_torch` needs PyTorch, which is not installed: see pytorch.org for its installation"),
+    ],
+)
+def test_packages_of_exports_that_are_missing_are_named(module, text, monkeypatch):
+    monkeypatch.setitem(sys.modules, module, None)
+    kernel = rne.compile(rne.dynamics.gravity_torque, straight_chain(2))
+    with pytest.raises(ImportError, match=f"^{re.escape(text)}$"):
+        getattr(kernel, f"to_{module}")()
 
 
 def test_what_a_kernel_cannot_take_is_named():

@@ -29,6 +29,9 @@ NS = [EPOCH + 10_000_000 * k for k in range(len(T))]
 NUMBERS = "numbered columns are taken in the robot's order; else give their names as `joints`"
 ALIKE = "else name the columns alike"
 CUT = "remove the row if the log was cut off there"
+TOO_LARGE = (
+    "bytes in double precision, the most for a file of its size; write fewer samples, or fewer other arrays, to a file"
+)
 EXACT, ROUNDED = 0.0, 4 * np.finfo(float).eps * 200  # one rounding to degrees and back, of up to 200
 
 
@@ -79,6 +82,11 @@ def test_separators_and_decimal_commas_are_found(separator, decimal, tmp_path):
         )
     given = Record.from_log(path, separator=separator[0], decimal=decimal)
     assert np.array_equal(given.q, record.q)
+
+
+def test_a_separator_that_is_not_guessed_can_be_given(tmp_path):
+    path = table(tmp_path / "log.csv", ["t", *names_of("q", "tau")], T, Q, TAU, separator="|")
+    same(Record.from_log(path, separator="|"), velocities=False)
 
 
 ENTRIES = ["7", "-1.5", "1e5", "-1e+05", "1E-3", ".5", "-.5", "5.", "+1", "007", "-0", "1e-400", "1e999", "1.2.3", "1e", "1e-", "1-2", "--1", "-+1", "1e5.3", "1ee5", "nan", "-inf", "0x1", "1_0", "٣", "-", ".", "-.", "e5", ".e1", "1,", "1;2", "1d5", '"1"', '"1"', "2026-11-29", "", " 1", "1 ", "1 2", "\t1", "1\r", "1\x0c2"]  # fmt: skip
@@ -725,6 +733,7 @@ def test_units_stand_beside_or_below_names(lines, tmp_path):
         ("{\"t\": [0, 1], \"q\": [1, 2]}", ": there are no torques or currents; there are 't', 'q'; if some are, give columns={\"tau\": ...}"),
         ("{\"t\": 0, \"q\": [1]}\n{\"t\": 1, \"q\": [2]}\n", ": there are no torques or currents; there are 't', 'q'; if some are, give columns={\"tau\": ...}"),
         ("{\"t\": [0, 1], \"q\": [[1], [1, 2]], \"tau\": [1, 2]}", ": there are no positions; there are 't', 'tau'; if some are, give columns={\"q\": ...}"),
+        ("{\"t\": [0, 1], \"q\": [1, 2", ": is damaged or cut off (Expecting ',' delimiter: line 1 column 25 (char 24))"),
         ("[[0, 1], [1, 2]]", ": is damaged or cut off (an object of arrays, or a list or lines of objects is needed)"),
         ("<?xml version='1.0'?><Rob/>", ": is XML; write its numbers as CSV, a row per sample"),
         ("header:\n  stamp: 1\n---\n", ": is YAML as of ros2 topic echo; add --csv, or -p with rostopic"),
@@ -847,12 +856,16 @@ def test_ros_1_echo(stamped, tmp_path):
     numbered = [row.replace(",,", ",0,").replace(",".join(JOINTS), "1,2,3") for row in rows]  # numbers alone
     path.write_text("\n".join([",".join(heading), *numbered]))
     same(Record.from_log(path, joints=["1", "2", "3"]), ("1", "2", "3"))
+    now = rows[7].replace(f",{NS[7] * stamped},", ",now,")
+    path.write_text("\n".join([",".join(heading), *rows[:7], now, *rows[8:]]))
+    with exactly(f"{path}, row 9: must have a time in nanoseconds, got 'now'"):
+        Record.from_log(path)
     path.write_text("\n".join([",".join(heading), *rows[:-1], rows[-1][: len(rows[-1]) // 2]]))
     with pytest.raises(ValueError, match=rf"^{re.escape(str(path))}, row 201: must have 16 entries, got \d+; {CUT}$"):
         Record.from_log(path)
 
 
-def bag(path, topics=("/joint_states",), names=JOINTS, kind="sensor_msgs/msg/JointState", stamped=True):
+def bag(path, topics=("/joint_states",), names=JOINTS, kind="sensor_msgs/msg/JointState", stamped=True, stamps=NS):
     """A bag of the kind that its suffix says, as rosbags writes it: of ROS 1 compressed, of ROS 2 the file alone."""
     pytest.importorskip("rosbags", reason="rosbags is not installed, which reads bags of ROS")
     from rosbags import rosbag1, rosbag2, typesys
@@ -884,8 +897,8 @@ def bag(path, topics=("/joint_states",), names=JOINTS, kind="sensor_msgs/msg/Joi
     with writer:
         states = [writer.add_connection(topic, kind, **own) for topic in topics]
         other = writer.add_connection("/chatter", String.__msgtype__, typestore=store)
-        for k, ns in enumerate(NS):
-            stamp = Time(ns // 10**9 * stamped, ns % 10**9 * stamped)
+        for k, (ns, at) in enumerate(zip(NS, stamps, strict=True)):
+            stamp = Time(at // 10**9 * stamped, at % 10**9 * stamped)
             header = Header(**({"seq": k} if is_old else {}), stamp=stamp, frame_id="base")
             message = pack(State(header, list(names), Q[k], QD[k], TAU[k]), State.__msgtype__)
             for connection in states:
@@ -920,6 +933,38 @@ def test_bags(suffix, tmp_path, monkeypatch):
             ValueError,
             match=r"\(its chunks unpack to more bytes than they say or a file of its size may, or are cut off\)$",
         ):
+            Record.from_log(path)
+
+
+def test_messages_are_in_the_order_in_which_they_were_recorded(tmp_path):
+    """Not in that of their stamps, which would hide that these do not ascend."""
+    stamps = [NS[1], NS[0], *NS[2:]]
+    record = Record.from_log(bag(tmp_path / "log.db3", stamps=stamps))
+    np.testing.assert_array_equal(record.q, Q)
+    np.testing.assert_allclose(record.t[:3], [0.0, -0.01, 0.01], rtol=1e-12)
+    assert [(finding.kind, finding.samples) for finding in record.findings] == [("time that goes back", (1,))]
+
+
+def test_messages_of_a_bag_that_is_not_compressed_are_counted_too(tmp_path, monkeypatch):
+    path = bag(tmp_path / "log.db3")
+    monkeypatch.setattr("rne.basics.archive.FREE", 8000)
+    monkeypatch.setattr("rne.basics.archive.RATIO", 0)
+    with exactly(f"{path}: its arrays take more than 8000 {TOO_LARGE}"):
+        Record.from_log(path)
+
+
+def test_sizes_of_chunks_of_mcap_are_those_they_say(tmp_path):
+    path = bag(tmp_path / "log.mcap")
+    data = bytearray(path.read_bytes())
+    place = data.index(b"zstd") - 16  # of the size, before a checksum and the length of the name
+    stated, packed = (*struct.unpack_from("<Q", data, place), *struct.unpack_from("<Q", data, place + 20))
+    for said, text in (
+        (stated + 1, "a chunk has more bytes than it says, or fewer"),
+        (2**60, f"a chunk is said to have {2**60} bytes, and {packed} of {packed + 44} as it is stored"),
+    ):
+        struct.pack_into("<Q", data, place, said)
+        path.write_bytes(data)
+        with exactly(f"{path}: is damaged or cut off ({text})"):
             Record.from_log(path)
 
 
@@ -1175,6 +1220,14 @@ def test_matlab_and_numpy_files(tmp_path):
         Record.from_log(path)
 
 
+def test_arrays_of_matlab_files_that_are_not_compressed_are_counted_in_double_precision(tmp_path, monkeypatch):
+    savemat(path := tmp_path / "log.mat", {"t": T, "q": np.zeros(9), "tau": np.zeros(1000, np.int8)})
+    monkeypatch.setattr("rne.basics.archive.FREE", 8000)
+    monkeypatch.setattr("rne.basics.archive.RATIO", 0)
+    with exactly(f"{path}: its arrays take more than 8000 {TOO_LARGE}"):
+        Record.from_log(path)
+
+
 def lerobot(folder, episodes=1, named=True, **features):
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed, which reads LeRobot data sets")
     import pyarrow as arrow
@@ -1232,6 +1285,18 @@ def test_lerobot_data_sets(tmp_path):
     (folder / "meta" / "info.json").write_text('{"features": ')
     with pytest.raises(ValueError, match=r"info\.json: is damaged or cut off \(.*\)$"):
         Record.from_log(folder, units={"q": "deg"})
+
+
+def test_lerobot_data_sets_have_files_of_a_limited_size(tmp_path, monkeypatch):
+    folder = lerobot(tmp_path, **{"observation.state": Q})
+    file = folder / "data" / "chunk-000" / "file-000.parquet"
+    monkeypatch.setattr("rne.basics.archive.FREE", 1000)
+    monkeypatch.setattr("rne.basics.archive.RATIO", 0)
+    with exactly(f"{file}: its arrays take more than 1000 {TOO_LARGE}"):
+        Record.from_log(folder)
+    file.unlink()
+    with exactly(f"{folder / 'meta' / 'info.json'}: the data set has no files data/*/*.parquet"):
+        Record.from_log(folder)
 
 
 @pytest.mark.parametrize(

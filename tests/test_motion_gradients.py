@@ -1,5 +1,6 @@
 """Gradients of motions: against complex steps of the same steps, written plainly, and by the laws that they obey."""
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -482,6 +483,11 @@ class TestArguments:
                 ValueError,
                 "`wrt`: in addition to 'q0' and 'qd0' the scene has the numbers .*; got 'controller.robot'",
             ),
+            (
+                {"final": None},
+                ValueError,
+                "^`cost` or `final` must be given: without both there is nothing to differentiate$",
+            ),
             ({"method": "RK45"}, ValueError, "`method` must be .*, got 'RK45'; leave `step` out for others"),
             ({"numbers": [3.0]}, TypeError, "`numbers` must be a mapping of names to arrays, got list"),
             (
@@ -504,6 +510,26 @@ class TestArguments:
     def test_errors_name_what_is_wrong(self, given, kind, text):
         with pytest.raises(kind, match=text):
             self.gradient(CASES["friction: coulomb"][0], **given)
+
+    def test_starts_are_of_one_motion_or_of_many(self):
+        scene = CASES["friction: coulomb"][0]
+        text = r"^`q0` and `qd0` must both have shape \(2,\) or \(N, 2\), got \(2,\) and \(1, 2\)$"
+        with pytest.raises(ValueError, match=text):
+            rne.motion_gradient(scene, np.zeros(2), np.zeros((1, 2)), **USUAL, final=final, wrt="q0")
+
+    def test_no_torques_are_added_to_those_of_a_controller(self):
+        with pytest.raises(ValueError, match=r"^`torque` cannot be given for a scene that has a controller$"):
+            self.gradient(CASES["pid, sampled"][0], torque=[1.0, 2.0])
+
+    def test_steps_too_long_for_friction_are_doubted(self):
+        """Friction of 1e6 N m s/rad stops a link in much less than a step."""
+        scene = rne.Scene(arm(), friction=rne.Friction(viscous=1e6))
+        text = (
+            "motion 0 at t = 0.02 s: the right-hand side overflows float64 for these arguments; the result is not finite; "
+            "steps of 0.01 s may be too long for the fastest decay"
+        )
+        with pytest.raises(rne.NotFiniteError, match=f"^{re.escape(text)}$"):
+            rne.motion_gradient(scene, *np.full((2, 2, 2), 0.1), 0.1, final=final, wrt="q0", step=0.01)
 
     def test_times_at_which_a_law_jumps_are_refused(self):
         scene = CASES["a law that jumps"][0]

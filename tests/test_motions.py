@@ -6,6 +6,7 @@ import dataclasses
 import json
 import pickle
 import re
+import sys
 from dataclasses import fields, replace
 from itertools import pairwise
 
@@ -233,6 +234,12 @@ class TestFiles:
         np.testing.assert_array_equal(table["tau.joint_2"], swing.tau[:, 1])
         np.testing.assert_array_equal(table.index, swing.t)
 
+    def test_tables_of_pandas_need_it(self, swing, monkeypatch):
+        monkeypatch.setitem(sys.modules, "pandas", None)
+        text = "^`to_dataframe` needs pandas, which is not installed: pip install pandas$"
+        with pytest.raises(ImportError, match=text):
+            swing.to_dataframe()
+
     def test_wrong_paths(self, swing, tmp_path):
         with pytest.raises(ValueError, match=r"^`path` must end in \.npz, got 'swing.txt'$"):
             swing.save(tmp_path / "swing.txt")
@@ -273,6 +280,7 @@ class TestFiles:
             ("controller_state", lambda z: np.ones(3), "`controller_state` must have shape (T, m), got (3,)"),
             ("energy", lambda e: e / 0.0, "`energy` must be finite, got "),
             ("t", lambda t: t[::-1], "`t` must ascend, got "),
+            ("t", lambda t: np.append(t[0], t[:-1]), "`t` must ascend, got 0 s after 0 s"),
             (
                 "kinetic",
                 lambda e: e.astype(str),
@@ -346,6 +354,12 @@ class TestFiles:
                 with pytest.raises(ValueError, match=rf"`{name}d?` must (have shape|be finite)"):
                     self.load(file, arrays | {entry: wrong}, texts)
 
+    def test_columns_are_those_of_the_model(self, swing, two, tmp_path):
+        file = replace(swing, model=two.model).save(tmp_path / "swing.npz")
+        text = f"{str(file)!r}: `q` must have 2 columns, as its model, got 6"
+        with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+            rne.Trajectory.load(file)
+
     def test_jumps_are_among_the_times(self, entries):
         file, arrays, texts = entries
         entry = fields_of(texts)["jumps"]["array"]
@@ -405,6 +419,18 @@ def test_damaged_archives_are_refused_or_whole(swing, tmp_path):
             assert str(error)
         else:
             np.testing.assert_array_equal(back.q, swing.q)
+
+
+def test_a_motion_without_samples_has_no_curve(two):
+    motion = rne.simulate(two, [0.1] * 2, [0.0] * 2, 0.01, t_eval=[])
+    for curve in (motion, motion.torques):
+        with pytest.raises(ValueError, match=r"^this motion has no samples$"):
+            curve(0.0)
+
+
+def test_a_motion_of_given_samples_needs_them_all(swing):
+    with pytest.raises(TypeError, match=r"^Trajectory needs `qdd`$"):
+        rne.Trajectory(swing.t, swing.q, swing.qd, evaluations=0, method="measured", status=0)
 
 
 def test_no_times_give_no_rows(swing):

@@ -443,6 +443,7 @@ def test_laws_that_are_refused(arm, hold, change, error, text):
     [
         ({"robot": 3}, TypeError, "`robot` must be an rne.Robot"),
         ({"link": "base"}, ValueError, "`link` must be one of"),
+        ({"link": "root"}, ValueError, "`link` 'root' does not move"),
         ({"law": 3.0}, TypeError, "`law` must be a function of (t, q, qd), got float"),
         ({"forgetting": 1.01}, ValueError, "`forgetting` must be at most 1, got 1.01"),
         ({"noise": 0.0}, ValueError, "`noise` must be positive"),

@@ -577,3 +577,9 @@ def test_no_line_of_a_prediction_is_drawn_over_two_steps():
 def test_errors_of_a_prediction(arguments, text):
     with pytest.raises(ValueError, match=re.escape(text)):
         rne.plotting.prediction_plot(*arguments)
+
+
+def test_a_prediction_has_a_unit_for_each_joint():
+    tau = np.zeros((2, 3))
+    with pytest.raises(ValueError, match=r"^`units` must have 3 entries, got 1$"):
+        rne.plotting.prediction_plot([0.0, 1.0], tau, tau, tau, units=["N m"])

@@ -3,6 +3,8 @@
 import json
 import pickle
 import re
+import sqlite3
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -315,6 +317,14 @@ def test_own_tables_have_commands_in_place_of_torques(tmp_path):
     assert Record.from_csv(write(path, names, T, Q, Q, T), ["lift", "turn"]).command is None
 
 
+def test_whole_numbers_within_two_turns_are_angles(tmp_path):
+    """Of drives that were sent to whole radians, 12 of which are fewer than two turns."""
+    q = np.round(6 * np.column_stack([np.sin(T), np.cos(T)]))
+    path = write(tmp_path / "log.csv", ["t", *columns("q.{}", "command.{}")], T, q, q)
+    assert np.ptp(q) == 12
+    np.testing.assert_array_equal(Record.from_log(path).q, q)
+
+
 def test_units_of_commands_are_those_of_the_positions_unless_they_are_named_or_given(tmp_path):
     counts = [np.rint(x * 4096 / (2 * np.pi)) + 2048 for x in (COMMAND, Q)]
     names = ["t", *columns("goal_position_{}", "present_position_{}", joints="12")]
@@ -466,6 +476,17 @@ def test_states_of_controllers_in_bags(suffix, tmp_path):
             Record.from_log(path, torques=False, topic="/joint_states")
 
 
+def test_controllers_are_read_in_the_usual_order_of_bytes_alone(tmp_path):
+    folder = controller_bag(tmp_path / "alone", "db3")
+    (file,) = folder.glob("*.db3")
+    with closing(sqlite3.connect(file)) as connection, connection:
+        messages = connection.execute("select data, id from messages").fetchall()
+        swapped = [(b"\0\0" + data[2:], number) for data, number in messages]  # big-endian by its first bytes
+        connection.executemany("update messages set data = ? where id = ?", swapped)
+    with exactly(f"{file}: has messages of controllers in another byte order than little-endian"):
+        Record.from_log(file)
+
+
 # Command line
 
 
@@ -509,6 +530,12 @@ def test_rne_identify_without_torques(lever, monkeypatch, capsys):
     ):
         assert main(wrong) == 2
         assert text in capsys.readouterr().err
+
+
+def test_options_without_torques_are_a_group_of_the_help(capsys):
+    with pytest.raises(SystemExit, match=r"^0$"):
+        main(["identify", "--help"])
+    assert "\nwithout torques:\n  the fit starts from these numbers, which may be wrong" in capsys.readouterr().out
 
 
 def test_published_figures_of_servos_are_the_start_where_nothing_else_is_given(lever):

@@ -86,6 +86,26 @@ def test_a_file_without_the_mark_is_kept(words, own, files, capsys):
     assert (files / own).read_bytes() == kept
 
 
+def test_what_is_no_regular_file_is_not_replaced(files, capsys):
+    (files / "tau.csv").symlink_to("nowhere")
+    said = refused(["torques", "lever.urdf", "motion.csv", "--force", "--out", "tau.csv"], capsys)
+    assert said == "error: --out: 'tau.csv' is no regular file; name another file\n"
+
+
+def test_a_file_that_may_not_be_written_is_kept(files, capsys, monkeypatch):
+    opened = Path.open
+
+    def open_as_another_user(path, mode="r", **how):  # the owner root may write anywhere
+        if path.name == "tau.csv":
+            raise PermissionError(13, "Permission denied")
+        return opened(path, mode, **how)
+
+    (files / "tau.csv").write_text("t,tau.hinge\n0,0\n")
+    monkeypatch.setattr(Path, "open", open_as_another_user)
+    said = refused(["torques", "lever.urdf", "motion.csv", "--force", "--out", "tau.csv"], capsys)
+    assert said == "error: --out: cannot write 'tau.csv': Permission denied\n"
+
+
 @pytest.mark.parametrize(("command", "suffix"), [("torques", ".csv"), ("identify", ".urdf")])
 def test_a_suffix_of_another_kind_is_refused(command, suffix, capsys):
     said = refused([command, "lever.urdf", "motion.csv", "--out", "result.txt"], capsys)

@@ -339,6 +339,11 @@ class TestLimits:
             "`torque_rate` needs a `sample_time`: it limits the change from one held torque to the next",
         ),
         ({"gravity": [0, 0]}, ValueError, "`gravity` must have shape (3,), got (2,)"),
+        (
+            {"delay": 0.01},
+            ValueError,
+            "`delay` needs a `sample_time`: it is that of a sampled controller's torques",
+        ),
     ],
 )
 def test_wrong_parts_are_named(irb140, parts, error, text):
@@ -848,6 +853,8 @@ class TestCornerCases:
                 "`robot` must be an rne.Robot, got Model",
             ),
             (lambda r: rne.check_gains(r.model, [1, 1], [1, 1]), TypeError, "`robot` must be an rne.Robot, got Model"),
+            (lambda r: rne.Scene(r.model), TypeError, "`robot` must be an rne.Robot, got Model"),
+            (lambda r: rne.Friction(viscous=1.0, smoothing=[0.1, 0.2]), ValueError, "`smoothing` must be one number"),
             (
                 lambda r: rne.control.computed_torque(r, [1, 1], [1, 1], lambda t: (0, 0)),
                 ValueError,

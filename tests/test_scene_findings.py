@@ -131,6 +131,20 @@ def test_the_error_of_a_sampled_loop_that_diverges_names_the_limit_of_its_scene(
         rne.simulate(scene, [0.1] * 2, [0] * 2, 1.0)
 
 
+def test_the_error_of_a_sampled_loop_whose_law_cannot_be_examined_names_the_function_to_ask(two, monkeypatch):
+    """A law that works in its own motion alone."""
+    monkeypatch.setattr("rne.simulation.zero_order_hold.MAX_EVALUATIONS", 200)
+
+    def law(t, q, qd):
+        if t == 0 and q[0] != 0.1:
+            raise ZeroDivisionError("elsewhere")
+        return 1e3 * q + 1e4 * qd
+
+    text = "the sampled loop is unstable; see scene.check_gains for the sample time that it needs$"
+    with pytest.raises(rne.SimulationError, match=text):
+        rne.simulate(rne.Scene(two, controller=law, sample_time=0.01), [0.1, 0.0], [0.0, 0.0], 1.0)
+
+
 @pytest.mark.parametrize(
     ("name", "kp", "kd", "limit"),
     [

@@ -507,6 +507,21 @@ class TestCreep:
         assert caught.value.trajectory.message.startswith("torque of ")
 
 
+@pytest.mark.parametrize("method", ["LSODA", "RK45"])
+def test_a_position_beyond_the_largest_double_ends_a_run(slider, method):
+    """At 1e140 m/s after 1.8e168 s; LSODA looks beyond a step, and RK45 arrives."""
+    text = r"^simulation stopped at t = \S+ s of 9e\+168 s: state is not finite at t = \S+ s$"
+    with pytest.raises(rne.SimulationError, match=text), np.errstate(all="ignore"):  # of SciPy's steps
+        rne.simulate(slider, [0.0], [1e140], 9e168, method=method)
+
+
+def test_energies_that_overflow_are_named_when_they_are_asked_for(slider):
+    motion = rne.simulate(slider, [0.0], [1e155], 1e-3, atol=1e150)
+    text = r"^kinetic_energy overflows float64 for these arguments; the result is not finite at state \(0,\)$"
+    with pytest.raises(rne.NotFiniteError, match=text):
+        _ = motion.kinetic
+
+
 class Odd:
     """A law with an attribute that is none, and one state where it has `states`."""
 

@@ -217,6 +217,12 @@ def test_another_language_is_refused(irb140):
         irb140.kernel(rne.dynamics.mass_matrix).source("fortran")
 
 
+def test_languages_without_namespaces_have_none():
+    kernel = rne.compile(rne.dynamics.gravity_torque, straight_chain(1))
+    with pytest.raises(ValueError, match=r"^`namespace` is for language 'c\+\+', got language 'rust'$"):
+        kernel.source("rust", namespace="arm")
+
+
 COMMENTS = {"python": "#", "numpy": "#", "matlab": "%", "c": "/*", "c++": "//", "rust": "//"}
 
 

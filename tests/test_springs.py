@@ -422,6 +422,13 @@ class TestArguments:
             with pytest.raises((TypeError, ValueError), match=f"^{text}"):
                 rne.Scene(irb140, springs=springs)
 
+    def test_tensions_that_overflow(self):
+        scene = rne.Scene(pendulum(), springs=[rne.Spring.at_joint("swing", 1e200, 0.0)])
+        with pytest.raises(
+            rne.NotFiniteError, match=r"overflows? float64 for these arguments; the result is not finite$"
+        ):
+            scene.resolved.springs.torque(scene.robot, [1e200], [0.0])
+
     def test_ends_that_meet(self):
         """Named, in the state where they meet; a spring without length passes."""
         scene = rne.Scene(pendulum(), springs=[rne.Spring("wall", [0, 0, -0.4], "rod", [0, 0, -0.4], 100, 0.1)])

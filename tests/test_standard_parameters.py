@@ -11,6 +11,7 @@ from rne.model.standard_parameters import StandardParameters
 
 from .conftest import TREES
 from .helpers import loaded
+from .random_robots import straight_chain
 
 SAME = 1e-13  # of the largest torque: another order of operations
 
@@ -90,6 +91,19 @@ def test_without_drives_there_are_the_bodies_alone():
 def test_errors(given, text):
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
         StandardParameters(rne.irb140(), rne.DriveModel(**given))
+
+
+def test_drives_are_a_model_of_drives():
+    with pytest.raises(TypeError, match=r"^`drives` must be an rne.DriveModel, got str$"):
+        StandardParameters(rne.irb140(), "viscous")
+
+
+def test_friction_under_load_needs_the_load():
+    standard = StandardParameters(straight_chain(2), rne.DriveModel(friction="load"))
+    with pytest.raises(
+        ValueError, match=r'^`friction` "load" of `drives` depends on the load, which is not known here$'
+    ):
+        standard.drive_columns(np.ones(2), np.zeros(2))
 
 
 def test_drives_of_joints_that_mimic_count_with_those_they_follow():

@@ -2,6 +2,7 @@
 
 import pickle
 import re
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 import rne
 from benchmarks.peers.mujoco import MuJoCo
 
-from .helpers import kept
+from .helpers import Part, assemble, kept
 from .random_robots import random_tree, straight_chain
 
 STEPS = 1e-8  # error of steps of 1 ms and shorter, of motions of a few rad/s
@@ -286,6 +287,18 @@ REFUSED = {
     "`numbers` cannot have 'delay', on which the state depends: make another Stepper": lambda: rne.Stepper(
         sampled(delay=0.01)
     )([0] * 6, numbers={"delay": 0.02}),
+    "`x` must have shape (4,) or (N, 4), got (1, 2, 4)": lambda: rne.Stepper(sampled()).into(
+        np.zeros((1, 2, 4)), None, np.zeros((1, 2, 4))
+    ),
+    "`weights` must have shape (4,) or (3, 4), got (3,)": lambda: rne.Stepper(sampled()).gradient(
+        np.zeros((3, 4)), weights=np.ones(3)
+    ),
+    "`t` must be one number for derivatives by the samples of a motion": lambda: rne.Stepper(
+        sampled(law="reference")
+    ).gradient(np.zeros((2, 4)), numbers={"controller.reference": np.zeros((5, 2))}, t=[0.0, 0.1]),
+    "`numbers` must have the samples of a motion once for all states": lambda: rne.Stepper(sampled(law="reference"))(
+        np.zeros((2, 4)), numbers={"controller.reference": np.zeros((2, 5, 2))}
+    ),
     "`numbers['friction.smoothing']` must be above 0": lambda: rne.Stepper(chain(), 0.01)(
         np.zeros((2, 4)), [0, 0], {"friction.smoothing": [0.1, 0]}
     ),
@@ -334,6 +347,36 @@ def test_a_state_at_fault_is_named(engine):
     x[7, 3] = 1e200
     with pytest.raises(rne.NotFiniteError, match=r"overflows .* at state \(7,\)$"):
         stepper(x, 0 * u[0])
+
+
+def test_a_result_that_overflows_is_named():
+    """The position, from one near the largest double at such a rate; nothing moves by itself."""
+    rail = Part(link="cart", joint="rail", kind="prismatic", parent=0, axis=np.array([1.0, 0, 0]), mass=1.0)
+    stepper = rne.Stepper(
+        rne.Scene(rne.Robot(assemble("cart", [Part(link="root"), rail]))), 1.0, method="semi-implicit-euler"
+    )
+    with pytest.raises(rne.NotFiniteError, match=r"^the result overflows at state \(1,\)$"), np.errstate(over="ignore"):
+        stepper([[0.0, 0.0], [1.7e308, 1e308]], [0.0])
+
+
+def test_a_singular_mass_matrix_names_the_state():
+    """Of a point mass on the last axis."""
+    arm = {"a": [0.5, 0.0], "alpha": [np.pi / 2, 0.0], "d": [0.0, 0.2], "theta": [0.0, 0.0], "masses": [1.0, 0.2]}
+    robot = rne.Robot(rne.dh_chain(**arm, centres=[[0.0] * 3] * 2, inertias=[[0.1] * 3, [0.0] * 3]))
+    told = "nothing with inertia moves with 'joint_2'"
+    for x, state in ((np.zeros(4), ""), (np.zeros((2, 4)), " at state (0,)")):
+        text = f"at t = 0 s: M is singular{state}: {told}"
+        with pytest.raises(rne.SingularMassMatrixError, match=f"^{re.escape(text)}$"):
+            rne.Stepper(rne.Scene(robot), 0.01)(x, [0.0, 0.0])
+    text = f"motion 0 at t = 0 s: M is singular: {told}"
+    with pytest.raises(rne.SingularMassMatrixError, match=f"^{re.escape(text)}$"):
+        rne.motion_gradient(robot, *np.zeros((2, 3, 2)), 0.1, final=lambda q, qd: q[0], wrt="q0", step=0.01)
+
+
+def test_exports_to_jax_need_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "jax", None)
+    with pytest.raises(ImportError, match=r"^`to_jax` needs JAX, which is not installed: pip install 'rne\[jax\]'$"):
+        rne.Stepper(chain(), 0.01).to_jax()
 
 
 MACHINE = {

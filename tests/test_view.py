@@ -158,6 +158,17 @@ class TestShapes:
         got = np.unique(mesh.vertices[mesh.faces].reshape(-1, 3), axis=0)
         np.testing.assert_allclose(got, np.unique(CORNERS * [0.1, 0.2, 0.3], axis=0), atol=EPS)
 
+    def test_a_mesh_that_its_reader_cannot_read_is_lost(self, tmp_path):
+        """What the reader says differs between its versions."""
+        robot = crane(tmp_path, "bad.glb")
+        (tmp_path / "crane" / "meshes" / "bad.glb").write_bytes(b"glTF")
+        text = (
+            r"link 'hook': mesh 'package://crane/meshes/bad.glb' is not readable \(\w+: .+\); links without shapes are "
+            "drawn as lines$"
+        )
+        with pytest.warns(UserWarning, match=text):
+            assert [shape.kind for shape in link_shapes(robot.model)] == ["box", "sphere", "cylinder"]
+
     def test_changed_and_pickled_robots_keep_them(self, tmp_path):
         robot = crane(tmp_path)
         changed = [robot.with_payload(1.0, link="hook"), robot.locked({"turn": 0.3}), robot.mounted([1, 0, 0])]
@@ -505,6 +516,12 @@ class TestPage:
         with pytest.raises(ImportError, match=f"^{re.escape(text)}$"):
             rne.view(irb140)
 
+    def test_pages_of_another_viser_are_refused(self, monkeypatch):
+        monkeypatch.setattr("rne.plotting.viewer.LIGHT", "lightMode:true")
+        text = "this version of viser writes other pages: 'lightMode:true' is missing; pip install 'viser<2'"
+        with pytest.raises(RuntimeError, match=f"^{re.escape(text)}$"):
+            rne.view(rne.Robot(random_tree(1, seed=0)))
+
 
 WRONG = {
     "model": (lambda r, s: rne.view(r.model), TypeError, "`robot` must be an rne.Robot or rne.Trajectory, got Model"),
@@ -640,10 +657,20 @@ class TestCommand:
                 "q.joint_5,q.joint_6, with qd. and qdd. of the joints if they are known",
             ),
             (["--motion", "tree.npz"], "tree.npz: robot 'irb140' has 6 joints, the motion 2"),
+            (
+                ["--motion", "others.npz"],
+                "others.npz: the motion is of joints ['a', 'b', 'c', 'd', 'e', 'f'], the robot has ['joint_1', 'joint_2', "
+                "'joint_3', 'joint_4', 'joint_5', 'joint_6']",
+            ),
         ],
     )
-    def test_wrong_calls_end_in_one_line(self, tmp_path, monkeypatch, capsys, words, message):
+    def test_wrong_calls_end_in_one_line(self, loaded, tmp_path, monkeypatch, capsys, words, message):
         monkeypatch.chdir(tmp_path)
+        if "others.npz" in words:
+            names = dict(zip(loaded.model.moving_joints, "abcdef", strict=True))
+            links = tuple(names.get(joint, joint) for joint in loaded.model.link_joints)
+            model = dataclasses.replace(loaded.model, moving_joints=tuple("abcdef"), link_joints=links)
+            dataclasses.replace(loaded, model=model).save("others.npz")
         if "tree.npz" in words:
             rne.simulate(rne.Robot(random_tree(2, seed=1)), [0, 0], [0, 0], 0.1).save("tree.npz")
         (tmp_path / "rates.csv").write_text("t\n0\n1\n")

@@ -55,6 +55,11 @@ def test_a_file_is_expanded_with_arguments(arm):
     assert robot.effort_limit.tolist() == [5]
 
 
+def test_an_argument_that_a_file_does_not_declare_is_used_where_it_stands(arm):
+    file = arm(ARM.replace('<xacro:arg name="mass" default="2"/>', ""))
+    assert rne.load(file, arguments={"mass": 3.5}, packages=arm.packages).model.mass.tolist() == [3.5]
+
+
 def test_meshes_of_packages_are_shown(arm, tmp_path):
     trimesh = pytest.importorskip("trimesh")
     from rne.plotting.shapes import link_shapes
