@@ -201,7 +201,7 @@ def _plot_errors(steps: Array, errors: Array) -> Figure:
     ax.set(xscale="log", title="finite differences: relative error", xlabel="difference [rad]")
     ax.set_xticks(steps[::8])
     log_axis(ax)
-    ax.xaxis.set_major_formatter("{x:g}")
+    ax.xaxis.set_major_formatter("{x:.0e}")
     return figure
 
 

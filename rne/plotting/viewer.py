@@ -38,7 +38,7 @@ TITLE, ROOT, LIGHT = "<title>Viser</title>", '<div id="root"></div>', "darkMode:
 DARK = "darkMode:matchMedia('(prefers-color-scheme:dark)').matches"
 STYLE = (
     "#rne{position:fixed;bottom:3.6em;left:.9em;right:.9em;z-index:1;pointer-events:none;"
-    "font:13px/1.5 system-ui,sans-serif;color:#334}"
+    f"font:13px/1.5 system-ui,sans-serif;color:#334;text-shadow:{SKY} 0 0 3px,{SKY} 0 0 3px}}"  # over the floor
     "#rne i{display:inline-block;width:.8em;height:.8em;margin-right:.5em;border:1px solid #667}"
     "#rne label{pointer-events:auto;cursor:pointer}#rne input{margin:0 .5em 0 0;vertical-align:-.15em}"
     ":root{color-scheme:light dark}.mantine-Notifications-root{display:none}"  # about slow graphics, over the scene
@@ -46,7 +46,7 @@ STYLE = (
     "body:not(:has(canvas[data-engine])) #rne{display:none}"  # which the legend would overlap
     ".mantine-Select-wrapper{width:4.4em!important}"  # viser's is too narrow for the speeds
     f"canvas[data-engine]{{background:{SKY};opacity:1!important}}@media(prefers-color-scheme:dark)"  # viser fades it in
-    f"{{#rne{{color:#dde}}canvas[data-engine]{{background:{NIGHT}}}}}"
+    f"{{#rne{{color:#dde;text-shadow:{NIGHT} 0 0 3px,{NIGHT} 0 0 3px}}canvas[data-engine]{{background:{NIGHT}}}}}"
 )
 # A window that is higher than wide sees less to the sides: the camera goes back. viser takes it from the address.
 CAMERA = (
