@@ -78,10 +78,10 @@ def pytest_collection_finish():
 
 @pytest.fixture(scope="session", autouse=True)
 def object_code_of_this_run(tmp_path_factory):
-    """Nothing is read that an earlier run compiled; processes of one run share what they compile."""
+    """Processes of one run share what they compile, in the folder RNE_CACHE if it is set, otherwise in one of their own."""
     base = tmp_path_factory.getbasetemp()
     run = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
-    os.environ["RNE_CACHE"] = str(run / "object_code")
+    os.environ.setdefault("RNE_CACHE", str(run / "object_code"))
 
 
 @pytest.fixture(params=kept(TREES, ["single", "sliders", "mixed", "mimics", "coupled"]), scope="session")

@@ -333,7 +333,7 @@ def test_few_updates_lift_the_arm():
 
 
 @pytest.mark.long  # and seed 0 in the tutorial: 30 s of CPU each
-@pytest.mark.parametrize("seed", range(1, 5))
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_swing_up_is_learned_from_every_seed(seed):
     names = of_the_tutorial("numba")
     w, _ = names["learn"](seed)

@@ -257,8 +257,8 @@ def test_no_unstable_sample_time_is_called_stable(loop, seeds):
 
 
 @pytest.mark.long
-def test_no_unstable_sample_time_of_two_thousand_is_called_stable():
-    for seed in range(12, 1012):
+def test_no_unstable_sample_time_of_a_thousand_is_called_stable():
+    for seed in range(12, 512):
         assert check_windows(pendulum_loop(seed), seed) == 0
         assert check_windows(arm_loop(seed), seed) <= 1e-6
 
@@ -507,7 +507,7 @@ def test_random_robots_and_gains(seed):
 
 @pytest.mark.long
 def test_many_random_robots_and_gains():
-    for seed in range(2, 32):
+    for seed in range(2, 22):
         check_case(seed)
 
 

@@ -131,8 +131,9 @@ def test_a_call_is_machine_code_for_every_type_of_result(returned):
     binding.parse_assembly(str(module)).verify()
 
 
-def test_a_compiled_text_returns_what_the_text_returns_and_takes_other_kinds_of_arguments(caplog):
+def test_a_compiled_text_returns_what_the_text_returns_and_takes_other_kinds_of_arguments(caplog, monkeypatch):
     """Compiled once by Numba in the short run: a loop returns a float, an int, a bool or nothing, and no array."""
+    monkeypatch.setenv("RNE_CACHE", "")
     total = loops.compiled(size)
     x = np.arange(4.0)
     loops._announce.cache_clear()

@@ -767,7 +767,7 @@ def changed_number(rng, name, x):
     return np.where(rng.random(x.shape) < 0.3, 0.0, np.minimum(other, 0.9) if name == "friction.load" else other)
 
 
-@pytest.mark.parametrize(("engine", "count"), kept([("numpy", 1), ("numpy", 200), ("numba", 100)], [("numpy", 1)]))
+@pytest.mark.parametrize(("engine", "count"), kept([("numpy", 1), ("numpy", 200), ("numba", 40)], [("numpy", 1)]))
 def test_random_scenes(engine, count):
     """Other numbers, and back: as of scenes built anew."""
     for seed in range(count):

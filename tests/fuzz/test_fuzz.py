@@ -16,7 +16,7 @@ from .comparison import check, difference, simulated
 from .oracle import motion
 from .scenes import draw
 
-SHORT, LONG = range(1, 3), range(1000, 1150)
+SHORT, LONG = range(1, 3), range(1000, 1100)
 CHAOTIC = 0.15  # of the seeds: more would say that the draws are too wild to be a test
 CLOSED_FORM = 1e-9  # of the oracle at tolerance 1e-11
 
