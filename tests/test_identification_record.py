@@ -700,6 +700,17 @@ def test_stamps_of_a_log_that_has_lost_a_sample_near_its_ends_are_believed(lost,
     assert [str(x).split(" after")[0] for x in Record(t, q, q).findings] == ["warning: record: missing samples"]
 
 
+@pytest.mark.parametrize("pauses", [1, 2, 3])
+@pytest.mark.parametrize(("count", "lost"), [(60, 5), (60, 10), (120, 10)])
+def test_stamps_of_a_short_log_with_pauses_are_believed(count, lost, pauses):
+    """However large the share of the pauses: all steps are whole periods, and no sample is moved in time."""
+    t = np.arange(count) / 50
+    t = np.delete(t, [k * count // (pauses + 1) + np.arange(lost) for k in range(1, pauses + 1)])
+    log = Record(t, q := np.column_stack([np.sin(6 * t), np.cos(7 * t)]), q)
+    assert [finding.kind for finding in log.findings] == ["gap"]
+    np.testing.assert_allclose(log.cleaned.t, t, rtol=0, atol=1e-14)  # to rounding of 2.4 s
+
+
 def test_rates_of_a_record_too_short_to_compare_are_no_error(true):
     """Shorter than the span over which they are integrated, as with times in hours."""
     t, q, tau = measure(true)

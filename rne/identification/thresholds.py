@@ -16,6 +16,7 @@ LONG_STEP = 1.5  # length of a step with a missing sample, relative to the perio
 LOST = 0.02  # largest share of steps over missing samples with which stamps in whole periods are believed; RECORDS
 COUNTED_OVER = 1000  # samples over which the period of counted samples is measured: jitter of a step is divided by it
 PAUSES = 0.005  # share of steps from which pauses are part of the stamps, not gaps; RECORDS: readers' bursts
+FEW_PAUSES = 2  # pauses or missing samples that are chance, however short the log
 GAP = 3.0  # shortest gap relative to the usual pauses; RECORDS
 KNOTS, KNOT_SAMPLES = 10.0, 1000  # [s] and samples between changes of a counted clock's rate: clocks drift slower
 STAMPS_OVER = 4  # samples over which velocities are integrated to judge stamps: one may be read late

@@ -70,9 +70,10 @@ def check_stamps(found: Screened, t: Array, q: Array, qd: Array | None) -> tuple
     period = float(steps[usual].mean())
     counted_period, gap = _pauses(t, found.bridge)
     by_count = equal_steps(t, gap, counted_period)
-    whole = np.clip(np.rint(steps / period), 1, found.bridge + 1) if period else steps
+    whole = np.maximum(np.rint(steps / period), 1) if period else steps
     regular = thresholds.REGULAR * period
-    is_grid = (whole > 1).mean() <= thresholds.LOST and (np.abs(steps - whole * period) <= regular).all()
+    lost = max(thresholds.LOST * len(steps), thresholds.FEW_PAUSES)
+    is_grid = (whole > 1).sum() <= lost and (np.abs(steps - whole * period) <= regular).all()
     reason = ""
     if found.kind_of_stamps == "regular":
         reason = "as `stamps` says"
@@ -97,7 +98,8 @@ def _pauses(t: Array, bridge: int) -> tuple[float, Array]:
     lag = max(1, min(thresholds.COUNTED_OVER, len(t) // 4))
     period, steps = float(np.median(t[lag:] - t[:-lag])) / lag, np.diff(t)
     pauses = steps[steps > thresholds.LONG_STEP * period]
-    usual = float(np.median(pauses)) if len(pauses) > thresholds.PAUSES * len(steps) else 0.0
+    few = max(thresholds.PAUSES * len(steps), thresholds.FEW_PAUSES)
+    usual = float(np.median(pauses)) if len(pauses) > few else 0.0
     return period, is_gap(t, period, bridge) & (steps > thresholds.GAP * usual)
 
 
