@@ -589,6 +589,14 @@ def test_ranges_of_masses_have_their_extremes_at_the_ends(arm):
         assert eigenvalues.max() <= found.mass_eigenvalues.upper[1]
 
 
+def test_the_least_inertia_of_a_range_of_masses_is_that_of_the_lightest():
+    """Of a pendulum with a payload at the end of its rod, of length 1: m c^2 + I, and the payload's mass more."""
+    rod = rne.Robot(planar([2.0], [1.0], [0.5], [0.1]))
+    found = rod.bounds(payload=(0, 3), quantities=["mass_eigenvalues"], tolerance=1e-6).mass_eigenvalues
+    for x in (found.lower, found.upper, found.attained):
+        np.testing.assert_allclose(x, [0.6, 3.6], rtol=2e-6)
+
+
 def test_smaller_ranges_have_smaller_bounds(arm):
     """Limits are within circles, and a fixed position has its own values."""
     q = np.array([0.1, 0.2, -0.3, 0.4, 0.5, 0.6])[: arm.n]
@@ -761,6 +769,17 @@ def test_a_torque_that_vanishes_in_narrow_ranges_is_proven_to():
         bound = bound.gravity_torque
         np.testing.assert_allclose(bound.upper, 2 * G * 0.5 * np.sin(width), rtol=1.1e-4, atol=1e-10)
         assert bound.is_tight
+
+
+def test_torques_of_gravity_and_rates_at_one_position_are_those_of_the_largest_rates():
+    """g1 - a (2 v1 v2 + v2^2) and g2 + a v1^2, a = M2 L1 C2 sin q2 < 0: gravity and the squares act together or not."""
+    arm, q, v = two_link(), [0.2, -1.0], np.array([2.0, 4.0])
+    found = arm.bounds((q, q), rates=v, accelerations=0.0, quantities=["torque"], tolerance=0.02).torque
+    a, g = M2 * L1 * C2 * np.sin(-1.0), arm.gravity_torque(q)
+    expected = [g[0] - a * (2 * v[0] * v[1] + v[1] ** 2), g[1]]
+    assert g.min() > 0
+    for x in (found.attained, found.lower, found.upper):
+        np.testing.assert_allclose(x, expected, rtol=0.02)
 
 
 def test_torques_inside_of_the_range_of_a_rate_are_attained():

@@ -170,6 +170,21 @@ def test_other_explanations_and_the_share_that_each_leaves_are_told():
     assert alike[:2] == ["gravity sign", "axis flipped"]
 
 
+@pytest.mark.parametrize(("kind", "law"), [("viscous friction", np.positive), ("Coulomb friction", np.sign)])
+def test_friction_of_one_kind_is_not_told_apart_from_friction_of_both(kind, law):
+    """Which explains it too, is listed among the hypotheses below their heading, and is no other explanation."""
+    arm = first_joints(1)
+    found = rne.compare_models(arm, lambda q, qd, qdd: arm.inverse_dynamics(q, qd, qdd) + 2.0 * law(qd))
+    assert found.causes == (kind,)
+    assert found.equivalent == ()
+    assert [causes[0].kind for causes in found.candidates[:2]] == [kind, "friction"]
+    lines = found.report().splitlines()
+    below = lines.index("hypotheses (unexplained share of the difference [%]; free numbers)") + 1
+    assert lines[below].endswith(f"; 1: {kind}: it has more {kind}: joint_1 2")
+    assert "; 1: friction: " in lines[below + 1]
+    assert not any("indistinguishable" in line for line in lines)
+
+
 def test_of_two_different_robots_the_report_says_so_first_and_lists_no_hypotheses():
     arm = first_joints(2).model
     tilted = np.array([[0, 0.6, 0.8], [0.8, 0, 0.6]])

@@ -566,3 +566,15 @@ def test_something_that_is_no_robot(arm):
 def test_wrong_samples(motion, arguments, text):
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
         motion.sample(*arguments)
+
+
+def test_coulomb_friction_is_smoothed_by_5_percent_of_the_smallest_velocity_limit():
+    """Unless the drives say by what."""
+    robot = limited(random_tree(2, seed=3, branching=0), velocity_limit=np.array([1.5, 2.5]))
+    options = {"random_motions": 3, "starts": 1, "iterations": 2}
+    usual, same, other = (
+        rne.excitation(robot, 2.0, 2, drives=rne.DriveModel(friction="coulomb", smoothing=smoothing), **options)
+        for smoothing in (None, 0.05 * 1.5, 0.06 * 1.5)
+    )
+    np.testing.assert_allclose(usual.random, same.random, rtol=1e-9)
+    assert (np.abs(other.random / usual.random - 1) > 1e-4).all()

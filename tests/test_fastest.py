@@ -19,6 +19,7 @@ from benchmarks.fastest import (
 from rne.trajectories import fastest, through
 
 from .helpers import Oracle, Part, assemble, kept
+from .random_robots import straight_chain
 
 EXCEEDED = 1e-3  # of a limit, between the points of the grid
 UNUSED = 0.99  # the least share of some limit that the fastest motion uses
@@ -357,6 +358,18 @@ def test_a_pendulum_swings_up_through_where_its_drive_cannot_hold_it(share):
         motion = fastest(pendulum, swing, smoothing=0)
         used = np.abs(motion.torques(np.linspace(0, motion.duration, 502)[1:-1])) / (share * weight)
         assert UNUSED < used.min() <= used.max() < 1 + EXCEEDED
+
+
+def test_an_average_that_gravity_makes_too_strong_is_slowed_or_refused():
+    """Past a place that takes 98 % of the drive's torque, which leaves little for the average's accelerations."""
+    weight = 9.81 * 0.15
+    rod = rne.Robot(straight_chain(1)).with_limits(effort=1.02 * weight)
+    optimal, slowed = (fastest(rod, [[1.2], [1.9]], smoothing=window) for window in (0, 0.15))
+    assert slowed.duration > optimal.duration + 0.15 + 1e-3
+    assert 0.9 < slowed.shares()["torque"].max() <= 1 + EXCEEDED
+    text = "`smoothing` of 0.4 s is too long for this path: averaged motions exceed a limit; give less, or 0"
+    with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+        fastest(rod, [[1.2], [1.9]], smoothing=0.4)
 
 
 def test_a_light_arm_on_which_the_solver_fails_by_rounding_on_one_scale():

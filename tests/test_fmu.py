@@ -281,6 +281,17 @@ def test_the_description_fits_the_text_and_the_equations(tmp_path):
     assert (tmp_path / "a.fmu").read_bytes() == (tmp_path / "b.fmu").read_bytes()
 
 
+def test_a_unit_of_fmi_3_has_the_functions_of_all_types_of_the_standard(tmp_path):
+    """FMI 3.0.2, section 2.2.7: an importer looks all of them up, whatever types the variables have."""
+    *_, source = described(rne.Scene(small()), tmp_path / "a.fmu", fmi="3.0")
+    integers = [f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)]
+    for kind in ("Float32", "Float64", *integers, "Boolean", "String", "Binary", "Clock"):
+        for verb in ("Get", "Set"):
+            assert f" F({verb}{kind})(" in source
+    of_c = {f"{sign.lower()}int{bits}_t" for sign in ("", "U") for bits in (8, 16, 32, 64)}
+    assert set(re.findall(r"\bu?int\d+_t\b", source)) <= of_c
+
+
 def swapped(variables):
     for v in variables:
         if v["name"] in ("der(q[1])", "der(q[2])"):

@@ -102,6 +102,12 @@ def test_errors_held_out_are_those_of_fits_to_the_other_blocks():
     np.testing.assert_allclose(found, squares / rest.by_joint(b), rtol=1e-6)  # of a condition number of 1e3
 
 
+def test_noise_beyond_friction_is_what_a_fit_with_friction_of_real_gears_leaves():
+    """By it the residuals of each joint have a mean square of one; the next fit, of other weights, leaves less."""
+    beyond = residuals()[1].beyond_friction
+    np.testing.assert_allclose(beyond.squares / beyond.used.sum(0), 1, rtol=0.1)
+
+
 def test_a_cause_is_dropped_if_it_improves_no_joint_or_costs_another_more_than_a_fifth_of_what_it_brings():
     _, rest = residuals()
     cause, before = Cause("spring", ("x",), "x", 100.0), np.full((10, 4), 0.1**2 / 10)

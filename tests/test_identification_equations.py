@@ -19,6 +19,7 @@ from rne.identification.fit.equations import correlation_time_of_residuals, equa
 from rne.identification.fit.least_squares import least_squares, with_correlation
 
 from .helpers import first_joints, loaded
+from .random_robots import straight_chain
 
 SAME = 1e-11  # relative: another order of operations, condition below 100
 SOLVED = 1e-6  # relative accuracy of the cone programme's solution
@@ -226,6 +227,14 @@ def test_guess_of_bodies_has_a_total_mass_of_one():
         guess = geometric_prior(model)
         assert guess[:, 3, 3].sum() == pytest.approx(1)
         assert (np.linalg.eigvalsh(guess) > 0).all()
+
+
+def test_a_guessed_body_scatters_across_its_length_by_a_fifth_of_it():
+    """The standard deviation of its mass, and that of a uniform rod along it besides."""
+    guess = geometric_prior(straight_chain(2, length=0.7))[0]
+    mean = guess[:3, 3] / guess[3, 3]
+    variances = np.linalg.eigvalsh(guess[:3, :3] / guess[3, 3] - np.outer(mean, mean))
+    np.testing.assert_allclose(variances, 0.7**2 * np.array([0.2**2, 0.2**2, 0.2**2 + 1 / 12]), rtol=1e-12)
 
 
 def test_without_clarabel_the_error_says_what_to_install(monkeypatch):

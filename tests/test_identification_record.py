@@ -391,6 +391,10 @@ def test_stamps_made_by_the_reader_are_told_and_samples_are_counted(true, kind, 
         lost
     )
     assert measured.findings[0].cure == "samples are counted, for the positions are smoother over equal steps"
+    off = np.delete(1e3 * (reader_stamps(kind, t) - t), lost).std()  # but for the rate that is found
+    text = r"differ from equal steps by (\S+) ms \(standard deviation; period (\S+) ms\)"
+    told = np.array(re.fullmatch(text, measured.findings[0].text).groups(), float)
+    assert told == pytest.approx([off, 2.0], rel=0.1)
     assert accelerations_off(measured, true) < 0.02  # a ms, of which times of bursts are uncertain, makes 0.004
     assert len(measured.prepare(cutoff=5.0).segments) == 1 + bool(lost)
 
@@ -574,7 +578,7 @@ def test_few_samples_are_refused(true):
 
 def test_torques_that_do_not_follow_the_motion_are_not_used(true_of_six):
     t, q, tau = measure(true_of_six, torque_noise=0.3)
-    tau[:, 5] = 0.25
+    tau[:, 5] = 0.25 + 1e-13 * np.clip(np.sin(3 * t), -0.3, 0.3)  # of digits lost by a filter
     tau[:, 1] = np.clip(tau[:, 1], None, np.percentile(tau[:, 1], 97))
     measured = Record(t, q, tau)
     flat = tuple(np.flatnonzero(tau[:, 1] == tau[:, 1].max()))
@@ -787,6 +791,21 @@ def test_positions_alone_count_where_they_are_better(scene, kind):
     prepared = Record(t, q, tau, qd).prepare()
     assert "velocities from the positions: the measured ones are noisier, or late" in prepared.notes
     assert np.array_equal(prepared.qdd, Record(t, q, tau).prepare().qdd)
+
+
+def test_measured_velocities_count_below_a_quarter_of_the_sample_rate_alone():
+    """With ever more noise the crossover rises, to 25 Hz; from there on positions alone are used."""
+    t, rng = np.arange(2000) / 100, np.random.default_rng(0)
+    q, qd = np.sin(2 * t)[:, None], 2 * np.cos(2 * t)[:, None]
+    of_q, of_qd = 1e-4 * rng.normal(size=(2, *q.shape))
+    named = r"velocities as measured above a crossover, from the positions below it: (\S+) Hz by joint"
+    found = []
+    for level in (80, 110, 140, 170):  # [1/s], of the velocities' noise over that of the positions
+        notes = Record(t, q + of_q, q, qd + level * of_qd).prepare(5.0).notes
+        found += [float(match[1]) for match in (re.fullmatch(named, note) for note in notes) if match]
+    assert 1 < len(found) < 4
+    assert sorted(found) == found
+    assert 25 * 80 / 110 < found[-1] < 25
 
 
 def test_degrees_are_named_and_not_guessed(true_of_six):

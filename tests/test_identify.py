@@ -214,6 +214,8 @@ def test_report_and_check_name_joints_and_parameters(found, motions):
     assert f"motion record: {len(found.records[0].t) / 125:.3g} s at 125 Hz" in text
     counts = re.findall(r"^  joint_\d .* (\d+) +\d+$", text, re.MULTILINE)
     assert [int(count) for count in counts] == found.equations.rows.sum(axis=0).astype(int).tolist()
+    shares = re.findall(r"^  joint_\d +\S+ +\S+ +(\S+) .* \d+ +\d+$", text, re.MULTILINE)  # explained, R^2
+    assert shares == [f"{share:.4f}" for share in found.r_squared]
     check = found.check(record(motions[1], **sensors(found.robot.n, 5)))
     assert check.report().count("joint_") == n
     turned = dataclasses.replace(check, predicted=-check.predicted)
@@ -223,6 +225,17 @@ def test_report_and_check_name_joints_and_parameters(found, motions):
     assert repr(found).startswith("Identification(")
     assert repr(check).startswith("Check(motion ")
     assert f"error at most {100 * check.relative.max():.3g} %" in " ".join(repr(check).split())
+
+
+def test_a_standard_error_as_large_as_its_value_is_no_share_of_it(found):
+    """The table has a dash from 100 % on."""
+    ratios = np.where(np.arange(found.base.count) % 2, 0.96, 1.04)
+    errors = np.maximum(np.abs(found.estimate.values), 1e-3) * ratios
+    estimate = dataclasses.replace(found.estimate, values=errors / ratios, errors=errors)
+    text = dataclasses.replace(found, estimate=estimate).report(details=True)
+    rows = text.partition("\nbase parameters  ")[2].splitlines()[1 : found.base.count + 1]
+    expected = ["-" if ratio >= 1 else f"{100 * ratio:.2g}" for ratio in ratios]
+    assert [row.split()[3] for row in rows] == expected
 
 
 def test_a_record_of_other_joints_is_no_motion_to_predict(found):

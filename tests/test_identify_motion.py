@@ -105,6 +105,16 @@ def test_numbers_are_found(short_fit, rod, tmp_path):
     assert float(written[1]) == short_fit.values[1]
 
 
+def test_the_resolution_of_noisy_positions_is_their_noise(rod):
+    """Far above the rounding of the encoder; of 21 samples, with a standard error of a fifth."""
+    scene, noise = scene_of(rod, coulomb=0.0), 1e-3
+    clean = stepped(scene, step=0.04, end=0.8, rounded=False)
+    q = clean.q + np.random.default_rng(2).normal(0, noise, clean.q.shape)
+    record = Record(clean.t, q, command=clean.command)
+    fit = rne.identify_motion(scene, record, WRT[:2], starts=1, step=0.04)
+    assert fit.resolution == pytest.approx([noise], rel=0.4)
+
+
 # Arguments
 
 

@@ -461,6 +461,16 @@ def test_a_result_that_another_one_reads_too_is_written_once():
     assert rne.compile(function, straight_chain(1)).source("python").count("sin(") == 1
 
 
+def test_derivatives_of_a_users_function_may_be_part_of_another_function():
+    """Of sin(q) q q^T, whose kernel is called on numbers and on symbols."""
+    model, q = straight_chain(2), np.array([[0.3, -0.4], [0.5, 0.2]])
+    bent = rne.traceable(lambda q: np.sin(q) * (q * q).sum())
+    slope = rne.kernels.derivative(bent, model, "q")
+    along = rne.compile(rne.traceable(lambda q: slope(q) @ np.ones(2)), model)
+    size = (q**2).sum(1, keepdims=True)
+    np.testing.assert_allclose(along(q), np.cos(q) * size + 2 * np.sin(q) * q.sum(1, keepdims=True), rtol=1e-14)
+
+
 class TestRegisters:
     """Few registers are what lets large blocks stay in the cache."""
 

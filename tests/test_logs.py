@@ -1323,6 +1323,10 @@ def test_rest_at_both_ends_is_cut(tmp_path):
     assert abs(part.t[0] - 1.5) <= 0.02
     assert abs(part.t[-1] - 3.49) <= 0.02
     assert re.fullmatch(r"rest cut off: 1\.\d+ s at the start, 0\.\d+ s at the end", part.source)
+    slow = np.append(np.sin(np.arange(500) / 50), np.full(300, np.sin(499 / 50)))[:, None]
+    parts = [Record(np.arange(800) / 100, q, q).in_motion() for q in (slow[::-1], slow)]  # at rest first, and last
+    assert len(parts[0].t) == len(parts[1].t)
+    assert parts[1].source.replace("end", "start") == parts[0].source
     t, steps = np.arange(600) / 100, 0.01 * (np.arange(600) // 7 % 2)[:, None]  # an encoder that flickers at rest
     flicker = 0.01 * np.rint(np.clip(t - 3, 0, 1)[:, None] / 0.01) + steps * (t < 3)[:, None]
     assert abs(Record(t, flicker, flicker).in_motion().t[0] - 3) < 0.1

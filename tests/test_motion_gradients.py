@@ -327,6 +327,20 @@ def test_motions_side_by_side_are_those_alone_and_may_be_kept_in_parts(name):
         )
 
 
+def test_steps_are_taken_some_at_a_time_and_told_both_ways(monkeypatch):
+    """As Ctrl-C is handled between them: the gradient is that of all steps at once."""
+    scene, names, _ = asked("delay 0.013")
+    how, told = {**USUAL, **COSTS, "wrt": [*names, "delay"]}, []
+    expected = rne.motion_gradient(scene, *start(scene), **how)
+    monkeypatch.setattr(module, "MOST_AT_ONCE", 2)
+    found = rne.motion_gradient(scene, *start(scene), **how, progress=lambda *done: told.append(done))
+    np.testing.assert_array_equal(found.value, expected.value)
+    for name, slopes in expected.gradient.items():
+        np.testing.assert_allclose(found.gradient[name], slopes, rtol=0, atol=SAME_MOTION * abs(slopes).max())
+    assert {total for _, total in told} == {told[-1][0]}
+    assert set(np.diff([0, *(done for done, _ in told)])) == {1, 2}  # steps, of an odd number each way
+
+
 CONTROLLED = [
     ("springs", "DOP853"),
     ("friction: all", "RK23"),

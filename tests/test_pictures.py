@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 
 import rne
@@ -164,6 +165,26 @@ def test_faces_look_outwards(irb140, number):
     faces = surface([shape])
     normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     assert ((normals * (faces.mean(axis=1) - shape.pose[:3, 3])).sum(axis=1) > 0).all()
+
+
+def test_light_comes_from_above(irb140, monkeypatch):
+    """Of each colour faces that look up are brighter than those that look down."""
+    found = {}
+
+    def noted(name):
+        own = getattr(Poly3DCollection, name)
+        return lambda self, given, *more: (found.update({name: np.array(given)}), own(self, given, *more))
+
+    for name in ("set_verts", "set_facecolor"):
+        monkeypatch.setattr(Poly3DCollection, name, noted(name))
+    rne.plotting.draw(irb140, [0] * 6)
+    faces, colours = found["set_verts"], found["set_facecolor"]
+    up = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])[:, 2]
+    hues = colours / np.linalg.norm(colours, axis=1, keepdims=True)
+    for hue in np.unique(hues.round(6), axis=0):
+        own = np.abs(hues - hue).max(1) < 1e-5
+        size = 0.9 * np.abs(up[own]).max()
+        assert colours[own & (up > size)].sum(1).min() > colours[own & (up < -size)].sum(1).max()
 
 
 def test_animation_has_its_frames_and_moves(rod, tmp_path):

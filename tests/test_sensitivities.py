@@ -480,6 +480,8 @@ def test_progress_and_interrupts(chain):
     so_far, count = caught.value.trajectory, len(caught.value.trajectory.t)
     assert 0.2 < so_far.t[-1] + 0.02 < 0.5
     np.testing.assert_array_equal(so_far.dq["q0"], found.dq["q0"][:count])
+    for name in ("q", "qd", "tau"):
+        np.testing.assert_array_equal(getattr(so_far, name), getattr(found, name)[:count])
 
 
 REFUSED = {

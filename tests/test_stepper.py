@@ -192,6 +192,8 @@ def test_jacobians_have_the_gradients_as_rows():
     x, u, W = drawn(stepper)
     J, t = stepper.jacobian(x, u, t=[0.1, 0.2, 0.3]), np.array([0.1, 0.2, 0.3])
     np.testing.assert_allclose(np.einsum("ni,nij->nj", W, J), stepper.gradient(x, u, W, t=t)["x"], atol=ROUNDING)
+    np.testing.assert_array_equal(stepper.jacobian(x, u), stepper.jacobian(x, u, t=0.0))
+    assert np.abs(stepper.jacobian(x, u) - J).max() > 0.1  # the law depends on time
     assert rne.Stepper(chain(), 0.01).jacobian(np.zeros(4), np.zeros(2)).shape == (4, 6)
 
 
