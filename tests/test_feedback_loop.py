@@ -273,9 +273,9 @@ def weightless_scene(seed):
 
 
 def growth_of(scene, q, loop):
-    """Growth of a small deviation from the third to the last quarter of a simulation: some threefold, or to a third."""
+    """Growth of a small deviation from the third to the last quarter of a simulation: some tenfold, or to a tenth."""
     radius = np.abs(np.linalg.eigvals(loop.sample_map)).max()
-    count = int(np.clip(np.log(3) / abs(np.log(radius)), 5, 3000))
+    count = int(np.clip(np.log(10) / abs(np.log(radius)), 5, 3000))
     t = scene.sample_time * np.arange(2 * count, 4 * count)
     motion = rne.simulate(scene, q + 1e-9, 0 * q, t[-1], rtol=1e-7, atol=1e-16, t_eval=t)
     size = np.linalg.norm(np.hstack([motion.q - q, motion.qd]), axis=1)
