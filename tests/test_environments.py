@@ -334,7 +334,7 @@ def test_few_updates_lift_the_arm():
 
 @pytest.mark.long  # and seed 0 in the tutorial: 30 s of CPU each
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_swing_up_is_learned_from_every_seed(seed):
+def test_a_swing_up_is_learned_from_other_seeds(seed):
     names = of_the_tutorial("numba")
     w, _ = names["learn"](seed)
     assert not names["trial"](np.random.default_rng(seed).normal(0, 0.3, names["size"]))[1].any()

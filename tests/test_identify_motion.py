@@ -270,7 +270,7 @@ def test_what_a_model_misses_is_named_with_its_size(blind_fit):
     assert abs(cause.value - 0.02) < 4 * cause.error
     said = rf"a delay of commands is not in the model \(command\.delay {cause.value:.3g} on joint0\): it would explain "
     share = re.fullmatch(said + r"(.*) % of the residual's squares", cause.text)
-    assert 50 < float(share[1]) < 100  # most of them: the Coulomb friction that acts, too, is not in the model either
+    assert 50 < float(share[1]) < 100  # most of them; the model has no Coulomb friction either
     assert cause.score == max(cause.score for cause in blind_fit.causes)
 
 

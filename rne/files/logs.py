@@ -500,7 +500,7 @@ def _parquet(paths: Sequence[Path], info: Path | None, options: LogOptions) -> L
         kept = [column.name for column in file.schema_arrow if NUMBERS.fullmatch(str(column.type))]
         groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
         columns = [group.column(k) for group in groups for k in range(group.num_columns)]
-        parents = tuple(f"{name}." for name in kept)  # a list's path has its name and more
+        parents = tuple(f"{name}." for name in kept)  # of a list: name.list.element
         if 8 * sum(x.num_values for x in columns if f"{x.path_in_schema}.".startswith(parents)) > most:
             raise TooLargeError(most)
         table = file.read(columns=kept)

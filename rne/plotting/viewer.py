@@ -38,7 +38,7 @@ TITLE, ROOT, LIGHT = "<title>Viser</title>", '<div id="root"></div>', "darkMode:
 DARK = "darkMode:matchMedia('(prefers-color-scheme:dark)').matches"
 STYLE = (
     "#rne{position:fixed;bottom:3.6em;left:.9em;right:.9em;z-index:1;pointer-events:none;"
-    f"font:13px/1.5 system-ui,sans-serif;color:#334;text-shadow:{SKY} 0 0 3px,{SKY} 0 0 3px}}"  # over the floor
+    f"font:13px/1.5 system-ui,sans-serif;color:#334;text-shadow:{SKY} 0 0 3px,{SKY} 0 0 3px}}"  # against the grid
     "#rne i{display:inline-block;width:.8em;height:.8em;margin-right:.5em;border:1px solid #667}"
     "#rne label{pointer-events:auto;cursor:pointer}#rne input{margin:0 .5em 0 0;vertical-align:-.15em}"
     ":root{color-scheme:light dark}.mantine-Notifications-root{display:none}"  # about slow graphics, over the scene
