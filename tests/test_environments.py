@@ -333,9 +333,8 @@ def test_few_updates_lift_the_arm():
 
 
 @pytest.mark.long  # and seed 0 in the tutorial: 30 s of CPU each
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_swing_up_is_learned_from_other_seeds(seed):
+def test_a_swing_up_is_learned_from_another_seed():
     names = of_the_tutorial("numba")
-    w, _ = names["learn"](seed)
-    assert not names["trial"](np.random.default_rng(seed).normal(0, 0.3, names["size"]))[1].any()
+    w, _ = names["learn"](1)
+    assert not names["trial"](np.random.default_rng(1).normal(0, 0.3, names["size"]))[1].any()
     assert names["trial"](w)[1].mean() >= 0.9
