@@ -331,10 +331,11 @@ def test_from_a_start_in_another_valley_several_starts_lead_out(rod):
 
 
 def test_as_many_folds_are_refused_as_records_have_no_parts_for(rod):
-    """Of 27 samples, one part of four has fewer than seven."""
+    """Of 27 samples, one part of four has fewer than seven; no fit is made first."""
     scene = soft(rod)
+    how = {"starts": 1, "folds": 4, "step": FEW["step"], "progress": lambda *_: pytest.fail("a fit began")}
     with exactly("`folds` must be at most 3, the parts that records can be cut into, got 4"):
-        rne.identify_motion(scene, stepped(scene, 1.3, **FEW), "controller.kp", starts=1, folds=4, step=FEW["step"])
+        rne.identify_motion(scene, stepped(scene, 1.3, **FEW), "controller.kp", **how)
 
 
 def test_positions_are_predicted_where_they_were_measured_and_drawn(short_fit):

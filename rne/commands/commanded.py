@@ -29,9 +29,7 @@ OTHERS = ("controller", *NUMBERS, "servo", "wrt", "starts", "shot", "robust")  #
 
 def add_commanded(parser: argparse.ArgumentParser) -> None:
     """Add the options of fits to commands and positions."""
-    text = (
-        "the fit starts from these numbers, which may be wrong by a factor of two; those that are not zero are fitted"
-    )
+    text = "the fit starts from these, which may be wrong by a factor of two; zeros stay zero"
     group = parser.add_argument_group("without torques", text)
     group.add_argument("--without-torques", action="store_true", help="fit a model to commanded and measured positions")
     group.add_argument("--controller", choices=("pd", "servo"), help="control of the drives (default: pd)")

@@ -27,7 +27,7 @@ from ..result import with_note
 from .certainty import Certainty, certainty
 from .missing import missing_effects, mistaken_columns
 from .output_error import FIRST, OutputError, Shot, columns_for, commands, joint_units, shots_of, states_of
-from .solver import MotionSolver, fitted_starts, validation_errors
+from .solver import MotionSolver, fitted_starts, parts_of_folds, validation_errors
 from .unknowns import Unknown, Unknowns, regrouped, rotors, unknowns_of
 
 if TYPE_CHECKING:
@@ -457,6 +457,7 @@ def identify_motion(
     shots = shots_of(scene, given, length, noise)
     longest = 1.0 if step is None else positive_number("step", step)
     problem = OutputError(unknowns, given, tuple(shots), np.maximum(noise, thresholds.OF_RANGE * spans), longest)
+    parts_of_folds(problem, folds)  # raises before a fit that takes long
     solver = MotionSolver(problem, noise, step is None, robust, progress)
     solver.from_starts(whole_number("starts", starts, least=1), seed)
     solver.refine()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import compress
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 from ...basics.spatial import Array
 from ...errors import IdentificationError
 from .. import thresholds
-from .output_error import OutputError, shots_of
+from .output_error import OutputError, Shot, shots_of
 from .unknowns import DELAY
 
 MEDIAN = 0.6745  # median of the absolute value of a standard normal number
@@ -138,16 +138,22 @@ def fitted_starts(problem: OutputError, x: Array) -> Array:
     return np.append(x, found.x)
 
 
-def validation_errors(solver: MotionSolver, folds: int) -> Array:
-    """Root mean square of the residual of each joint on parts of records left out of a fit, fold by fold."""
-    problem, P, n = replace(solver.problem, told=None), len(solver.problem.unknowns.labels), solver.problem.n
+def parts_of_folds(problem: OutputError, folds: int) -> Sequence[Shot]:
+    """The problem's shots, or shorter ones where they are fewer than the folds; a ValueError if those are."""
     shots = problem.shots
     if len(shots) < folds:
         total = sum(float(shot.t[-1] - shot.t[0]) for shot in shots)
         shots = shots_of(problem.unknowns.scene, problem.records, total / folds, problem.sigma)
     if len(shots) < folds:
         raise ValueError(f"`folds` must be at most {len(shots)}, the parts that records can be cut into, got {folds}")
-    problem, total_square, count = replace(problem, shots=tuple(shots)), np.zeros(n), np.zeros(n)
+    return shots
+
+
+def validation_errors(solver: MotionSolver, folds: int) -> Array:
+    """Root mean square of the residual of each joint on parts of records left out of a fit, fold by fold."""
+    problem, P, n = replace(solver.problem, told=None), len(solver.problem.unknowns.labels), solver.problem.n
+    shots = parts_of_folds(problem, folds)
+    problem, total_square, count = replace(problem, shots=shots), np.zeros(n), np.zeros(n)
     z = fitted_starts(problem, solver.z[:P])
     starts = z[P:].reshape(len(shots), 2 * n)
     for fold in range(folds):
