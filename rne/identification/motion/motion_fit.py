@@ -447,8 +447,6 @@ def identify_motion(
     check_records(scene, given)
     given = tuple(record.on_grid() for record in given)
     folds = whole_number("folds", folds, least=0)
-    if folds == 1:
-        raise ValueError("`folds` must be 0, or 2 and more")
     unknowns = unknowns_of(scene, wrt, min(1 / record.sample_rate for record in given), start or {}, priors or {})
     spans = ranges(scene, given)
     least = rounding(scene, given)

@@ -140,6 +140,8 @@ def fitted_starts(problem: OutputError, x: Array) -> Array:
 
 def parts_of_folds(problem: OutputError, folds: int) -> Sequence[Shot]:
     """The problem's shots, or shorter ones where they are fewer than the folds; a ValueError if those are."""
+    if folds == 1:
+        raise ValueError("`folds` must be 0, or 2 and more")
     shots = problem.shots
     if len(shots) < folds:
         total = sum(float(shot.t[-1] - shot.t[0]) for shot in shots)
