@@ -50,7 +50,7 @@ def record() -> str:
     for name, command in RUNS.items():
         text = (RESULTS / name).read_text(encoding="utf-8")
         kept = json.loads(text)
-        machine = f"{kept['machine']['cpu']}, {kept['machine']['cores']} cores"
+        machine = f"{kept['machine']['cpu']}, {kept['machine']['cores']} cores, {kept['numpy_simd'][-1]}"
         digest = hashlib.sha256(text.encode()).hexdigest()[:12]
         lines.append([f"`{command}`", kept["date"], machine, f"`benchmarks/results/{name}`", f"`{digest}`"])
     return table(["command", "date", "machine", "results", "SHA-256 begins with"], lines)

@@ -69,7 +69,7 @@ def picture(charts: Results, derivatives: Results, theme: str = "", shape: str =
             ax.set(xscale="log", yscale="log")
             ax.grid(True, alpha=0.25)
             for axis in (ax.xaxis, ax.yaxis):  # exponents in small print cannot be read on a phone
-                axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}".replace("e+0", "e").replace("e-0", "e-")))
+                axis.set_major_formatter(FuncFormatter(_tick))
                 axis.set_minor_formatter(NullFormatter())
         for ax in (torques, hessians):
             ax.set(ylim=(1e-16, 1e-14))
@@ -89,6 +89,11 @@ def write_pictures(charts: Results, derivatives: Results) -> None:
     for theme, shape in product(INK, SIZES):
         path = DOCS / "pictures" / f"speed_and_accuracy{theme}{shape}.png"
         picture(charts, derivatives, theme, shape).savefig(path, transparent=True, dpi=180)
+
+
+def _tick(x: float, _: int) -> str:
+    """Label of a tick, such as 20000 or 1e-5."""
+    return f"{x:g}" if x >= 1 else f"{x:.0e}".replace("e-0", "e-")
 
 
 def main() -> None:
