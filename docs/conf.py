@@ -1,5 +1,6 @@
 """The documentation site: python -m sphinx -W docs build/docs"""
 
+import re
 import sys
 from pathlib import Path
 
@@ -98,6 +99,12 @@ def skip_member(app, what, name, thing, skip, options):
     return True if skip or is_field or owner in public.INTERNAL else None
 
 
+def link_to_gallery(app, docname, source):
+    """Pages link tutorials as files of the repository, which opens in other readers of Markdown too."""
+    source[0] = re.sub(r"\]\(tutorials/(\w+)\.py\)", r"](generated/tutorials/\1.rst)", source[0])
+
+
 def setup(app):
+    app.connect("source-read", link_to_gallery)
     app.connect("builder-inited", remove_stale_pages, priority=100)
     app.connect("autodoc-skip-member", skip_member)

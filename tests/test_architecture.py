@@ -51,7 +51,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 ON_IMPORT = {"basics", "errors", "elementwise", "model", "dynamics", "robot"}  # the rest is imported on first use
 # Largest values that `python -m tests.counts` may print: whoever lowers a count lowers its ceiling.
 CEILINGS = {
-    "lines": 59_292,
+    "lines": 59_298,
     "entries at the top": 23,  # more are not taken in at a glance
     "public names": 54,
     "internal names imported by tests": 227,

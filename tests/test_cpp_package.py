@@ -92,6 +92,17 @@ def test_the_header_says_joints_units_limits_and_what_a_thread_may_do(lever):
     ]
 
 
+@pytest.mark.parametrize(("law", "rest"), [("pd", ""), ("pid", "; then rates of the states z, or z of a discrete law")])
+def test_a_law_says_that_its_torques_have_no_limits(law, rest, tmp_path):
+    """Those of the scene are not in its text, but above it."""
+    robot = rne.load("irb140")
+    gains = {"pd": (60.0, 20.0), "pid": (60.0, 20.0, 5.0)}[law]
+    scene = rne.Scene(robot, controller=getattr(rne.control, law)(robot, *gains, np.full(6, 0.2)), effort_limit=1.0)
+    rne.export.cmake(scene, tmp_path, namespace="arm", quantities=["controller"])
+    comment = (tmp_path / "include/arm/arm.hpp").read_text().replace("\n//   ", " ")
+    assert f"// Result - torques without the limits and delays of a scene, so clip them{rest}" in comment
+
+
 def test_the_example_starts_in_the_middle_of_the_ranges(lever):
     """Joints without one start at zero."""
     text = (lever[0] / "example" / "gravity_compensation.cpp").read_text()

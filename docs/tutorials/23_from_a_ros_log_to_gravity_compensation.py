@@ -93,7 +93,8 @@ figure = found.plot()
 # %%
 # Gravity compensation
 # --------------------
-# Gravity compensation is ``gravity_torque`` of the identified robot. The table compares
+# Gravity compensation is ``gravity_torque`` of the identified robot; where the fit has
+# offsets, which it has not here, ``found.friction.offset`` is added. The table compares
 # it with that of the URDF and with the true one, from the middle of the arm's range to
 # either side.
 

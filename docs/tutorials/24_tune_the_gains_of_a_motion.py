@@ -37,7 +37,8 @@ duration = 2.0  # [s]
 # The squared distance from the goal, and the squared torques beyond those that hold the
 # arm, relative to the limits of its drives. The cost is a function of one state, and is
 # traced: it may use arithmetic, the robot's methods and the functions of
-# ``rne.elementwise``. It is integrated along with the motion.
+# ``rne.elementwise``. It is integrated along with the motion. The scene has no
+# ``effort_limit``: the cost alone keeps torques small.
 
 
 def cost(t, q, qd, tau):

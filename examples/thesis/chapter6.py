@@ -158,7 +158,7 @@ def loops(page: Report, found: dict[str, Any]) -> None:
         "time: (6.57). The arm with gravity moves alike under u + g(q), (6.48), which is simulated here: "
         "rne.control.pd_gravity(robot, KP, KD, reference) as the controller of an rne.Scene. Figure 6.1, the open "
         "loop, is the same block irb140 with gravity and a constant torque in place of the controller. "
-        f"KP is {_row(KP)} N m/rad and KD {_row(KD)} N m s/rad; rne/model/abb_irb140.py has starts and references."
+        f"KP is {_row(KP)} N m/rad and KD {_row(KD)} N m s/rad; concordance.md has starts and references."
     )
     for k, m in enumerate(motions):
         number = f"6.{11 + 2 * k}"

@@ -44,7 +44,8 @@ class Residuals(InNotebooks):
     t : ndarray, shape (T,)
         [s].
     torque : ndarray, shape (T, n)
-        Residuals: external torques behind a low-pass filter, and errors of the model [N m or N].
+        Residuals: torques that act on the robot from outside, positive about (along) the joint's axis, behind a
+        low-pass filter, with errors of the model [N m or N].
     threshold : ndarray, shape (T, n)
         Largest residuals that the stated errors of model and friction can cause [N m or N].
     payload_mass, payload_share : float

@@ -69,8 +69,9 @@ def cmake(
         and "payload.mass", only its mass: the centre of mass and the inertia about it are the scene's.
     quantities : sequence of str, optional
         Functions of ``rne.dynamics`` of joint arrays only, "friction_torque" and "controller". By default inverse and
-        forward dynamics, M, gravity and Coriolis torques, and the last two where a scene has them. The example is
-        written if gravity torques and forward dynamics are among them.
+        forward dynamics, M, gravity and Coriolis torques, and the last two where a scene has them. "controller" is the
+        law alone: its torques are not limited, sampled or delayed, and are followed by what `rne.control.compiled`
+        says of a law's states. The example is written if gravity torques and forward dynamics are among them.
     std : bool
         True to add `prediction` of an Identification: torques, then their standard deviations.
     dtype : {"float64", "float32"}

@@ -42,6 +42,7 @@ LETTERS = {
 PER_JOINT = dict.fromkeys(("inverse_dynamics", "bias_torque", "gravity_torque", "coriolis_torque"), "tau")
 PER_JOINT |= dict.fromkeys(("forward_dynamics", "articulated_forward_dynamics"), "qdd")
 MASS = ("kg m^2", "kg m", "kg")  # of an entry of M with none, one or two sliding joints
+LAWS = "controller", "control_law"
 SCALAR = {"kinetic_energy": "J", "potential_energy": "J"}
 # Quantities with a column for each inertial parameter.
 REGRESSORS = ("regressor", "control_regressor", "kinetic_energy_regressor", "potential_energy_regressor")
@@ -478,6 +479,9 @@ def heading(
     for name, link in wrenches.items():
         where = f"on link {harmless(link)} at its origin, in its axes"
         texts.append(f"{name} - moment N m, then force N, {where}")
+    if quantity in LAWS:
+        rest = "; then rates of the states z, or z of a discrete law at the next sample" if "z" in arguments else ""
+        texts.append(f"Result - torques without the limits and delays of a scene, so clip them{rest}")
     if "piece" in arguments:
         powers = "coefficients of all joints by ascending powers of (t - begin) / (end - begin)"
         texts.append(f"piece - of the motion through samples that holds at t, begin s, end s, {powers}")

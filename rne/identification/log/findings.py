@@ -15,7 +15,7 @@ from ...basics.text import counted, summary
 Severity = Literal["error", "warning"]
 NAMED = 3  # number of samples named in a text
 NO_COMMANDS = "the record has torques and no commands: rne.identify fits a model from these"
-NO_TORQUES = "the record has commands and no torques: rne.identify_motion fits a model from these"
+NO_TORQUES = "the record has commands and no torques: fit it by rne.identify_motion (rne identify --without-torques)"
 
 
 def seconds(t: float) -> str:
