@@ -819,7 +819,7 @@ class Identification(Archived, InNotebooks):
             return "\n\n".join([*told, self._essential, self.consistency().report()])
         parts = [first_of(text(self), most) for text, most in SHORT.items()]
         parts += [self.bands.text(self.initial.joint_names, self._units), self._essential]
-        parts = [self.verdict, *bias_text(self), *parts, first_of(self.consistency().report(), 1)]
+        parts = [self.verdict, *bias_text(self), *parts, wrapped(self.consistency().verdict)]
         return "\n".join([*parts, MORE])
 
     def _whole(self) -> str:
