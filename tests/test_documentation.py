@@ -36,8 +36,8 @@ END_OF_BLOCK = "\n<end of block>\n"
 def test_examples_of_a_page_run_and_print_what_it_says(page, tmp_path):
     """One process per page, with warnings as errors: the blocks follow each other as a reader runs them.
 
-    Python warns of escapes in other packages' strings where it compiles them at their first import (pip and uv may
-    leave it that); in the page's own blocks, ruff refuses them.
+    Python warns of the spelling of other packages where it compiles them at their first import, which pip and uv may leave
+    it; in the page's own blocks, ruff refuses the same.
     """
     if any("import pinocchio" in code for code, _ in blocks(page)):
         pytest.importorskip("pinocchio", reason="Pinocchio is not installed, which an example compares with")
@@ -47,8 +47,8 @@ def test_examples_of_a_page_run_and_print_what_it_says(page, tmp_path):
         pytest.importorskip("jax", reason="JAX is not installed, in which an example runs")
     program = "".join(f"{code}\nprint({END_OF_BLOCK!r}, end='')\n" for code, _ in blocks(page))
     (tmp_path / "page.py").write_text(program, encoding="utf-8")
-    escapes = "ignore:invalid escape sequence"
-    command = [sys.executable, "-W", "error", "-W", escapes, "page.py"]
+    spelling = "-W", "ignore::SyntaxWarning", "-W", "ignore:invalid escape sequence"
+    command = [sys.executable, "-W", "error", *spelling, "page.py"]
     run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
     assert run.stderr == ""
     assert run.stdout.split(END_OF_BLOCK)[:-1] == [said for _, said in blocks(page)]
