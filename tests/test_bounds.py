@@ -300,6 +300,17 @@ def test_articulated_pivots_are_searched_for_the_least_eigenvalue_alone():
     assert not applies(replace(criterion, projection=np.diag([1.0, 0.0])), box)
 
 
+def test_a_pivot_that_dips_below_zero_between_the_halvings_is_not_proven_positive():
+    """1 - d - cos(x - a) is negative within (2 d)^1/2 of a, less than the last of twenty halvings; 1 + d - cos is not."""
+    criterion, box = least_eigenvalue(two_link(), "circle")
+    search = ArticulatedSearch(criterion, box, box.lower, 1.0, Clock())
+    a, ends = np.random.default_rng(0).uniform(-3, 3, 20), np.full(20, np.pi)
+    for dip, is_proven in ((1e-14, False), (-1e-11, True)):  # rounding is a tenth of this dip
+        P = np.stack([np.full(20, 1 - dip), -np.cos(a), -np.sin(a), 0 * a, 0 * a], axis=1)[..., None]
+        holds, _ = search.are_positive(P, np.ones((20, 1), dtype=bool), -ends, ends, True)
+        assert (holds == is_proven).all()
+
+
 @pytest.mark.parametrize("seed", kept(range(4), [3]))
 def test_least_eigenvalues_of_random_chains_are_proven_and_nothing_beyond(seed):
     """None of 10^4 states is outside, and what a state exceeds is refused."""
@@ -798,6 +809,18 @@ def test_torques_inside_of_the_range_of_a_rate_are_attained():
     np.testing.assert_allclose(
         criterion._largest_form(forms), largest_values, atol=1e-3
     )  # two sweeps, steps of the grid
+
+
+def test_no_torque_of_a_state_is_proven_not_to_be_reached():
+    """A target holds at no state whose torque exceeds it by 1e-9 of it, far more than rounding."""
+    model = replace(planar([M1, M2], [L1, 0.5], [C1, C2], [I1, I2]), gravity=np.array([0, -1.0, 0]))
+    criteria = torque_criteria(RobotPolynomials(rne.Robot(model).kernels, "circle"), np.array([3.0, 2.0]), np.zeros(2))
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (100, 2))
+    for criterion in criteria:
+        values = criterion.values(q)
+        for target in np.quantile(values, [0.1, 0.5, 0.9]):
+            assert not criterion.holds(q, target, 0.0)[values > target * (1 + 1e-9)].any()
+        assert criterion.holds(q, 100.0 * values.max(), 0.0).all()
 
 
 @pytest.mark.parametrize(

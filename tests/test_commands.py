@@ -72,6 +72,10 @@ def test_help_lists_every_command_in_a_line(capsys):
     assert len(re.findall(r"^    \w+ +\w.*$", said, re.MULTILINE)) == len(NAMES)
     for name in NAMES:
         assert len(re.findall(rf"^    {name} +\w.*$", said, re.MULTILINE)) == 1
+    assert " ".join(said.split()).endswith(
+        "rne COMMAND --help shows options of a command, and an example. Exit codes: 0 all went well, 1 a file has errors, "
+        "robots differ or a computation fails, 2 a wrong call or file, 130 interrupted."
+    )
 
 
 def test_examples_of_the_help_run(tmp_path, monkeypatch, capsys):
@@ -221,6 +225,16 @@ def test_uneven_times_are_worth_a_warning(lift, tmp_path, capsys):
         "warning: the times are 1e-06 to 0.1 s apart; where they are close, derivatives amplify the rounding of the samples: "
         "give samples at even times, or velocities and accelerations"
     )
+
+
+def test_steps_that_differ_a_hundredfold_are_even_enough(lift, tmp_path, capsys):
+    file = tmp_path / "uneven.csv"
+    for ratio, is_told in ((99, False), (101, True)):
+        file.write_text(
+            "t,q.up\n" + "".join(f"{t},{t}\n" for t in (0, 0.001, *(0.001 * (1 + ratio * k) for k in (1, 2))))
+        )
+        assert main(["torques", lift, str(file)]) == 0
+        assert ("warning: the times are" in capsys.readouterr().err) == is_told
 
 
 def test_payload_and_gravity_count(lift, tmp_path, capsys):

@@ -82,6 +82,8 @@ def test_the_header_says_joints_units_limits_and_what_a_thread_may_do(lever):
         "std::optional<std::array<double, 3>> forward_dynamics(const std::array<double, 3>& q,",
     ):
         assert text in header, text
+    assert "// A rigid body on link c, in the link's frame." in header
+    assert header.index("struct Payload {") < header.index("const Payload& payload")
     functions = [line for line in header.splitlines() if line.startswith("[[nodiscard]]")]
     assert [line.endswith(" noexcept") for line in functions] == [True] * 5
     assert ["const Payload& payload" in line for line in functions] == [True] * 5
@@ -107,6 +109,23 @@ def test_the_example_starts_in_the_middle_of_the_ranges(lever):
     """Joints without one start at zero."""
     text = (lever[0] / "example" / "gravity_compensation.cpp").read_text()
     assert "Vector q{{0.0, 1.5, 0.0}}, qd{};" in text
+
+
+def test_the_example_starts_at_zero_where_a_range_has_one_end(tmp_path):
+    robot = rne.Robot(replace(gimbal(), lower=np.array([0.5, -np.inf, -1.0]), upper=np.array([np.inf, 0.5, 2.0])))
+    rne.export.cmake(robot, tmp_path, quantities=["gravity_torque", "forward_dynamics"])
+    text = (tmp_path / "example" / "gravity_compensation.cpp").read_text()
+    assert "Vector q{{0.0, 0.0, 0.5}}, qd{};" in text
+
+
+def test_functions_of_eigen_convert_arguments_and_results(lever):
+    text = (lever[0] / "include" / "gimbal" / "eigen.hpp").read_text()
+    for said in (
+        "return to_eigen<3, 1>(gimbal::gravity_torque(to_array<3>(q), payload, to_array<3>(gravity)));",
+        "return to_eigen<3, 3>(gimbal::mass_matrix(to_array<3>(q), payload));",
+        "return to_eigen<3, 1>(*found);",
+    ):
+        assert said in text, said
 
 
 def test_no_name_of_a_file_leaves_its_literal_or_its_comment(tmp_path):

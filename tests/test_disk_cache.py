@@ -145,6 +145,14 @@ class TestKernels:
         assert len(compilations) == 1
 
 
+def test_the_folder_of_windows_is_that_of_the_program_without_an_author(tmp_path, monkeypatch):
+    windows = pytest.importorskip("platformdirs.windows")
+    monkeypatch.delenv("RNE_CACHE", raising=False)
+    monkeypatch.setattr("platformdirs.PlatformDirs", windows.Windows)
+    monkeypatch.setattr("platformdirs.windows.get_win_folder", lambda name: str(tmp_path))
+    assert disk_cache.folder() == tmp_path / "rne" / "Cache"
+
+
 def test_the_linker_that_windows_has_links_the_same_code(place, monkeypatch):
     """JITLink is not available there."""
     expected = run_kernel()

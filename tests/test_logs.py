@@ -1354,6 +1354,11 @@ def test_rne_identify(tmp_path, monkeypatch, capsys):
     out = ["--page", str(tmp_path / "page"), "--out", str(tmp_path / "found.urdf")]
     assert main([*call, *out, "--degrees", "--time-unit", "ms"]) == 0
     said = capsys.readouterr().out
+    report, _ = said.split("\na.csv, fitted\n")
+    assert re.search(r"^\d+ base parameters of irb140 from \d+ equations, condition number ", report, re.MULTILINE)
+    assert report.rstrip().endswith(
+        "--details: filters, base parameters with standard errors, bodies, the test for one rigid body"
+    )
     assert "b.csv, predicted" in said
     assert "a.csv, fitted" in (tmp_path / "page" / "index.html").read_text()
     found = rne.load(tmp_path / "found.urdf")

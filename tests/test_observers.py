@@ -388,6 +388,10 @@ def test_a_payload_is_found_with_its_centre(lifted):
     assert mass == pytest.approx(3.0, rel=0.01)
     np.testing.assert_allclose(com, [0.05, 0.0, 0.1], atol=1e-3)
     assert law.standard_deviations(z[-1])[0] < 0.1
+    light = z[-1].copy()
+    light[law.places["estimates"]] /= 10  # a tenth of the mass and of its first moments
+    np.testing.assert_allclose(law.payload(light)[0], mass / 10, rtol=SAME)
+    np.testing.assert_allclose(law.payload(light)[1], com, rtol=SAME)
 
 
 def test_before_a_motion_excites_them_estimates_are_known_to_be_unknown(lifted):

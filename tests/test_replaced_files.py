@@ -122,6 +122,16 @@ def test_a_page_replaces_no_foreign_picture(option, files, capsys, monkeypatch):
     assert capsys.readouterr().err == f"error: --out: {said}\n"
 
 
+def test_an_archive_of_rne_is_replaced_and_another_is_not(files, capsys):
+    simulate = ["simulate", "lever.urdf", "--duration", "0.1", "--every", "0.05", "--out", "fall.npz"]
+    assert main(simulate) == main(simulate) == 0
+    capsys.readouterr()
+    np.savez("fall.npz", texts=[1.0])
+    assert refused(simulate, capsys) == (
+        "error: --out: 'fall.npz' was not written by rne; name another file, or give --force to replace it\n"
+    )
+
+
 def test_what_rne_wrote_is_replaced_and_every_reader_takes_it(files):
     simulate = ["simulate", "lever.urdf", "--q0", "0.3", "--duration", "0.2", "--every", "0.05", "--out"]
     (files / "tau.csv").write_bytes(b"")  # nothing is lost of an empty file

@@ -11,6 +11,7 @@ from benchmarks import robust_laws
 from rne.bounds.bounds import inertia_extremes
 
 from .helpers import first_joints, kept
+from .random_robots import straight_chain
 from .test_adaptive import BANDWIDTH, KD, arm, circle, composite_error, short_circle
 from .test_gains import slider
 
@@ -220,6 +221,16 @@ def test_uncertainty_bound_of_a_mass_is_that_of_its_worst_state(known, masses):
     largest = 0.5 * max(abs(m - known) for m in masses) * (ACCELERATION + 3 * 4.0 * 0.5)
     found = bound_of_sliders(known, masses, margin=1.0)
     assert 0.95 * largest <= found <= largest * (1 + 1e-12)
+
+
+def test_a_model_without_errors_needs_a_bound_of_rounding_alone():
+    """Also where positions, velocities and accelerations all count; a payload makes much of it."""
+    arm, path = rne.Robot(straight_chain(2)), rne.trajectories.quintic([0.0, 0.0], [1.0, 1.0], 2.0)
+    exact, other = (
+        rne.control.uncertainty_bound(arm, [case, case], BANDWIDTH, 1.0, path, 2.0, samples=16)
+        for case in (arm, arm.with_payload(1.0))
+    )
+    assert exact < 1e-9 * other
 
 
 def test_defaults_of_the_uncertainty_bound():

@@ -204,6 +204,7 @@ def test_published_figures(rod):
         assert abs(torque(law, 0, 0) - torque_) < 1e-3
         assert abs(torque(law, 0, speed)) < 1e-3
         assert abs(torque(law, 9 - 1 / (16 * figures.gain), 0) - torque_) < 1e-3
+        assert abs(torque(law, 9 - 0.5 / (16 * figures.gain), 0) - torque_ / 2) < 1e-3
         assert abs(torque(figures.law(rod, 0.1, p=8), 0, 0) - 0.8 * figures.gain * torque_) < 1e-3
         assert "commit" in figures.source
     with pytest.raises(ValueError, match=r"^`p` must be positive, got 0.0$"):

@@ -75,6 +75,8 @@ def test_recursion_kernel_and_engines_agree(options):
     q[:, robot.n // 2 :] = 1.0
     for function, arrays in ((rne.dynamics.task_inertia, (q,)), (rne.dynamics.task_bias, (q, qd))):
         expected = function(robot.model, *arrays, "tool0", **options)
+        method = getattr(robot, function.__name__)(*arrays, "tool0", **options)
+        np.testing.assert_allclose(method, expected, rtol=1e-10)  # also where both take what is not given from defaults
         for engine in ("numpy", "numba"):
             kernel = rne.compile(function, robot.model, engine=engine, link="tool0", **options)
             np.testing.assert_allclose(kernel(*arrays), expected, rtol=1e-10)
