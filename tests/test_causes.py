@@ -337,6 +337,40 @@ def test_columns_of_each_joint_are_those_of_that_joint():
         np.testing.assert_array_equal(of_friction[..., j], alone[:, None] * unit)
 
 
+def test_torques_by_the_stribeck_velocity_are_those_of_the_friction_that_was_fitted():
+    """The derivative of Fs exp(-|qd| / vs) by vs."""
+    res, j, vs = residuals(), 1, 0.2
+    names, sizes = [f"Fs_{k + 1}" for k in range(res.robot.n)], 2.0 + np.arange(res.robot.n)
+    standard = SimpleNamespace(groups={"Fs": slice(3, 3 + len(names))})
+    rest = SimpleNamespace(**{name: getattr(res, name) for name in ("robot", "names", "of_each_joint")})
+    rest.standard, rest.x = standard, np.concatenate([np.full(3, 50.0), sizes])
+    cause = SimpleNamespace(kind=hypotheses.STRIBECK, joints=(res.names[j],), at=vs)
+    found = hypotheses.derivative_by(rest, cause)[..., 0]
+    expected = res.sampled(lambda q, qd, qdd: np.sign(qd) * np.abs(qd) / vs**2 * np.exp(-np.abs(qd) / vs))
+    expected = sizes[j] * expected * np.eye(res.robot.n)[j]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())  # of a difference
+
+
+def test_changes_begin_in_the_order_of_the_records_and_name_them():
+    times = np.arange(100) / 10
+    rest = SimpleNamespace(records=[SimpleNamespace(times=times, start=0.0), SimpleNamespace(times=times, start=0.0)])
+    texts, since = hypotheses.starts(rest)
+    assert [text.partition(" of ")[2] for text in texts] == sorted(["record 1", "record 2"] * (len(texts) // 2))
+    assert (np.diff(since.astype(int), axis=1) >= 0).all()
+    assert (np.diff(since.sum(axis=1)) < 0).all()
+
+
+def test_friction_may_rise_and_fall_again_during_a_log():
+    """Friction that follows a parabola of time is in the span of the columns of each joint."""
+    res = residuals()
+    (family,) = [h for h in hypotheses.changing(res) if h.kind == "friction changed"]
+    passed = hypotheses.progress(res)
+    viscous = res.sampled(lambda q, qd, qdd: qd)[..., None] * (passed - passed.mean()) ** 2
+    columns = family.columns.reshape(*res.tau.shape, -1)[:, 0]
+    left = viscous[:, 0, 0] - columns @ np.linalg.lstsq(columns, viscous[:, 0, 0], rcond=None)[0]
+    assert np.abs(left).max() < 1e-9 * np.abs(viscous[:, 0, 0]).max()  # rounding
+
+
 def test_hypotheses_of_one_kind_are_one_object():
     """Families of joints and of times, as many places in time as there are."""
     kinds = hypotheses.delays, hypotheses.joints, hypotheses.changing, hypotheses.payloads, contacts, friction

@@ -325,6 +325,22 @@ def test_a_step_that_is_cut_ends_exactly_at_the_end():
     assert T[1] == end
 
 
+def test_no_rate_is_asked_for_after_the_end_of_a_motion_that_starts_late():
+    """Where it changes so slowly that the first step would be ten times as long."""
+    t, end, asked = 0.5, 1.0, []
+    interval = step_control.Interval(tableaus.tableau("RK45"), t, end, -np.inf, np.inf, 1e-6, 1e-9, 1)
+    arguments = np.array([t]), np.ones(1)
+
+    def slow(time, x, rates):
+        asked.append(float(time[0]))
+        rates[:] = 1e-3
+        return True
+
+    problem = step_control.Problem(slow, arguments, interval)
+    assert step_control.first_length(problem, t, np.ones(1), np.full((7, 1), 1e-3)) < end - t
+    assert asked == pytest.approx([end])
+
+
 def test_the_motion_between_samples_is_that_of_the_solvers_steps(free):
     """One sample of 0.25 s takes several steps: motion(t), limits and the torques held know them."""
     q0, rates, law = np.array([0.5, 0.2]), [1.0, -2.0], rne.traceable(lambda t, q, qd: 2 * np.sin(5 * t) - q)

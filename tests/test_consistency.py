@@ -148,6 +148,16 @@ def test_report_of_an_identification_ends_with_the_certificate(scene, motion):
     assert last.splitlines()[-1].startswith("energy: "), last
 
 
+def test_a_conflict_of_one_joint_alone_is_told_with_its_name():
+    shares = np.array([0.01, 0.01])
+    balance = rne.identification.EnergyBalance(0.0, shares, shares)
+    alike = dict.fromkeys(("noise", "held_out", "single_joint", "F", "probability", "independent"), shares)
+    conflict = np.array([False, True])
+    found = rne.Consistency(("a", "b"), **alike, all_joints=np.array([0.01, 0.08]), conflict=conflict, energy=balance)
+    assert not found.one_model
+    assert found.verdict.startswith("no single set of inertial parameters fits b: residual ")
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["irb140", "ur5"])
 @pytest.mark.parametrize("seed", range(20))

@@ -252,6 +252,23 @@ def check_payload(scene):
     assert np.abs(found - wanted).max() < 1e-12 * np.abs(wanted).max()
 
 
+def check_units(path):
+    """Exponents of the units of the SI, by the names of products of theirs."""
+    with zipfile.ZipFile(path) as archive:
+        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+    assert {unit.get("name"): unit[0].attrib for unit in root.find("UnitDefinitions")} == {
+        "s": {"s": "1"},
+        "rad": {"rad": "1"},
+        "rad/s": {"rad": "1", "s": "-1"},
+        "rad/s2": {"rad": "1", "s": "-2"},
+        "N.m": {"kg": "1", "m": "2", "s": "-2"},
+        "N.m.s/rad": {"kg": "1", "m": "2", "s": "-1", "rad": "-1"},
+        "kg": {"kg": "1"},
+        "m": {"m": "1"},
+        "kg.m2": {"kg": "1", "m": "2"},
+    }
+
+
 def test_the_mass_of_a_payload_alone_is_a_parameter(tmp_path):
     mass, com, I = BODY
     light, heavy = (rne.Scene(small(), payload=rne.Payload(m, com, I, "link_2")) for m in (0.1, mass))
@@ -270,6 +287,7 @@ def test_the_description_fits_the_text_and_the_equations(tmp_path):
     variables, depends, source = described(scene, tmp_path / "a.fmu", **how)
     check_all(scene, variables, depends, source)
     check_payload(scene)
+    check_units(tmp_path / "a.fmu")
     by = {v["name"]: v for v in variables}
     assert by["friction.viscous[2]"] | {"valueReference": 0} == {
         "name": "friction.viscous[2]", "valueReference": 0, "description": "friction.viscous of joint_2",

@@ -16,6 +16,7 @@ from rne.identification.log.screening import clipped, equal_steps
 
 from .helpers import first_joints, loaded
 from .measurements import measure, record, truth
+from .random_robots import straight_chain
 
 MARGIN = 4  # cut-offs
 
@@ -488,6 +489,21 @@ def test_a_sample_that_is_there_twice_counts_once(true):
     assert np.array_equal(measured.prepare(cutoff=5.0).q, Record(*measure(true)).prepare(cutoff=5.0).q)
 
 
+def test_of_samples_closer_than_a_third_of_the_period_the_spline_takes_the_first():
+    """A later one that is off by 1e-4 rad after 1e-5 s would be a jump to a rate of 10 rad/s."""
+    rng = np.random.default_rng(0)
+    t = np.arange(400) / 100 + rng.uniform(-1e-3, 1e-3, 400)
+    tau = np.sin(t)[:, None] + 0.01 * rng.normal(size=(400, 1))
+    t, q, tau = (
+        np.insert(t, 201, t[200] + 1e-5),
+        np.sin(2 * np.insert(t, 201, t[200])),
+        np.insert(tau, 201, 0.1, axis=0),
+    )
+    q[201] += 1e-4
+    prepared = Record(t, q[:, None], tau).prepare(cutoff=5.0)
+    assert np.abs(prepared.qdd[:, 0] + 4 * np.sin(2 * prepared.t)).max() < 0.01  # of 4 rad/s^2: errors of the spline
+
+
 def test_times_that_go_back_are_refused(true):
     t, q, tau = measure(true)
     t[100] = t[98] - 1e-3
@@ -893,6 +909,12 @@ def test_a_simulated_motion_and_its_file_are_the_same_record(scene_of_six, tmp_p
         assert np.allclose(getattr(read, name), getattr(measured, name), rtol=0, atol=1e-12)
 
 
+def test_a_simulated_motion_that_is_reported_late_has_no_sample_after_its_end():
+    t = np.arange(20, 61) / 100
+    motion = rne.simulate(rne.Robot(straight_chain(1), "numpy"), [0.3], [0.0], 0.6, t_eval=t)
+    assert np.allclose(Record.from_trajectory(motion, 100).t, t, rtol=0, atol=1e-12)
+
+
 def test_short_rows_of_a_file_are_named(tmp_path):
     file = tmp_path / "log.csv"
     file.write_text("t,q.a,tau.a\n0,1,2\n0.1,1\n")
@@ -1077,6 +1099,18 @@ def test_a_joint_that_rests_and_jumps_once_is_cut():
     record = rne.identification.Record(t, q, tau)
     assert "jump of the position" in [finding.kind for finding in record.findings]
     assert abs(record.prepare(5.0).qd[:, 1]).max() < 1e-9  # it rests on both sides
+
+
+def test_a_single_jump_cuts_a_log_of_less_than_a_second():
+    """One is no rate of jumps, however short the log."""
+    t = np.arange(0, 0.9, 0.01)
+    q = np.column_stack([0.5 * np.sin(5 * t), np.where(t < 0.45, 0.3, 1.8)])
+    tau = np.cos(q) + 0.01 * np.random.default_rng(0).normal(size=q.shape)
+    texts = [str(finding) for finding in Record(t, q, tau).findings if finding.kind == "jump of the position"]
+    assert texts == [
+        "warning: record: joint_2: jump of the position after sample 44 (t = 0.44 s), by up to 1.5; "
+        "the record is cut there"
+    ]
 
 
 def test_headings_between_commas_do_not_decide_for_rows_between_blanks(tmp_path):

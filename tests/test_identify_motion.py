@@ -115,6 +115,14 @@ def test_the_resolution_of_noisy_positions_is_their_noise(rod):
     assert fit.resolution == pytest.approx([noise], rel=0.4)
 
 
+@long
+def test_positions_that_lead_their_commands_give_no_negative_delay(rod):
+    scene = scene_of(rod, coulomb=0.0)
+    ahead = stepped(scene, step=0.04, end=0.8, late=-0.03)
+    fit = rne.identify_motion(scene, ahead, ["command.delay"], starts=1, step=0.04, folds=0)
+    assert abs(fit.values[0]) < 1e-6  # at its bound
+
+
 # Arguments
 
 

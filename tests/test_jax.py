@@ -1,5 +1,6 @@
 """Kernels as functions of JAX: by machine code and in jax.numpy, equal to NumPy's kernels with their derivatives."""
 
+import operator
 import os
 import subprocess
 import sys
@@ -111,6 +112,13 @@ def test_program_in_jax_numpy_with_every_transformation():
     agree(jax.jvp(call, (q,), (q,))[1], (J @ q[..., None])[..., 0], tolerance)
     agree(jax.grad(loss(call))(q), slopes, tolerance)
     agree(jax.vmap(jax.hessian(loss(call)))(q), bends, tolerance)
+
+
+def test_comparisons_are_those_of_numpy_at_ties_as_well():
+    function = rne.traceable(lambda q: np.stack([f(q[0], q[1]) for f in (operator.lt, operator.le)]) * 3.0)
+    q = np.array([[0.1, 0.2], [0.2, 0.2], [0.2, 0.1]])
+    found = rne.compile(function, TREES["small"], engine="numpy").to_jax()(q)
+    np.testing.assert_allclose(found, [[3, 3], [0, 3], [0, 0]], rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("engine", ENGINES)

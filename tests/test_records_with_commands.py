@@ -179,6 +179,7 @@ def test_positions_that_are_missing_take_no_command_with_them():
         (COMMAND, np.rad2deg(Q), "unit of the command: rad, positions in degrees"),
         (1e3 * COMMAND, Q, "unit of the command: mm, positions in m"),
         (COMMAND + 4 * np.pi, Q, "command is 2 turns from the position"),
+        (COMMAND + 2 * np.pi - 0.75, Q, ""),
         (np.mod(COMMAND + np.pi, 2 * np.pi) - np.pi + 0 * Q, Q, ""),
         (np.mod(COMMAND, 2 * np.pi), Q, "jump of the command"),
         (0 * COMMAND + 1, Q, "constant command of 1 in all samples, while the position keeps moving"),

@@ -494,3 +494,18 @@ class TestNamesOfOwnFunctions:
         text = "^`law` cannot be marked: set `traceable = True` in the class builtin_function_or_method$"
         with pytest.raises(TypeError, match=text):
             rne.traceable(len)
+
+
+def test_cpp_finds_the_piece_of_a_motion_through_samples_before_it_reads_it():
+    robot = rne.Robot(straight_chain(1))
+    motion = rne.trajectories.sampled([0.0, 0.7, 1.5], [[0.0], [0.3], [0.1]])
+    text = rne.control.compiled(rne.control.computed_torque(robot, 50.0, 20.0, motion)).source("c++")
+    body = [line.strip() for line in text.partition(" control_law(")[2].splitlines()[2:6]]
+    found = [
+        "const double* const piece = control_law_piece(t);",
+        "if (piece == nullptr) {",
+        "return std::nullopt;",
+        "}",
+    ]
+    assert body == found
+    assert "piece[2]" in text.partition(found[0])[2]
