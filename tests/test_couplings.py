@@ -342,6 +342,17 @@ def test_ranges_end_where_those_of_joints_that_follow_do():
     assert coupler[1] < -3
 
 
+def test_a_range_ends_where_a_joint_that_follows_is_beyond_its_own_for_a_hair_only():
+    """0.5 sin(x) is above 0.5 - 1e-9 over 1e-4 rad, between any samples of x."""
+    _, open_tree, _ = linkage("bar")
+    upper = np.array(open_tree.upper)
+    upper[open_tree.moving_joints.index("arm")] = 0.5 - 1e-9
+    model = coupled(replace(open_tree, upper=upper), {"arm": (("crank",), lambda x: 0.5 * np.sin(x))})
+    k = model.moving_joints.index("crank")
+    assert model.upper[k] == pytest.approx(np.arcsin(1 - 2e-9), abs=1e-9)  # rounding of sin, over its slope there
+    assert model.lower[k] == -3
+
+
 def test_drivers_may_follow_others():
     """A six-bar: a second four-bar on the rocker of the first; a mimic of a joint that follows; linear ones are mimics."""
     _, open_tree, (closing,) = linkage("bar")

@@ -297,6 +297,12 @@ def test_a_stop_that_is_no_point_is_refused(stops, error, text):
         through([[0.0], [1.0]], stops=stops)
 
 
+def test_a_limit_of_decelerations_alone_has_its_share_in_the_table():
+    _, heading, row, *_ = str(fastest(slider(10, deceleration=1), [[0.0], [3.0]], smoothing=0)).splitlines()
+    assert heading.split()[:4] == ["joint", "torque", "accel.", "velocity"]
+    assert row.split()[:4] == ["rail", "100.0%", "100.0%", "-"]
+
+
 def test_a_payload_that_is_given_is_one_on_the_robot(arm):
     path = [[0.0] * 6, [0.5, 0.3, 0, 0, 0, 0]]
     plain, loaded, on_robot = fastest(arm, path), fastest(arm, path, payload=3.0), fastest(arm.with_payload(3.0), path)

@@ -310,6 +310,13 @@ def test_a_unit_of_fmi_3_has_the_functions_of_all_types_of_the_standard(tmp_path
     assert set(re.findall(r"\bu?int\d+_t\b", source)) <= of_c
 
 
+def test_a_unit_without_a_law_or_motors_has_all_macros_that_it_calls(tmp_path):
+    *_, source = described(rne.Scene(small()), tmp_path / "a.fmu", derivatives=False)
+    defined = set(re.findall(r"^#define (\w+)\(", source, flags=re.MULTILINE))
+    called = set(re.findall(r"\b(RATES|LAW|MOTORS|GRADIENT|LIMIT)\(", source))
+    assert {"RATES", "LAW", "MOTORS"} <= called <= defined
+
+
 def swapped(variables):
     for v in variables:
         if v["name"] in ("der(q[1])", "der(q[2])"):

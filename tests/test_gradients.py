@@ -1,5 +1,6 @@
 """Gradients and Hessians of weighted sums: against 100 digits, complex steps, Jacobians, and each other."""
 
+import itertools
 import warnings
 from dataclasses import replace
 from functools import cache
@@ -435,6 +436,9 @@ class TestFunctionsOfYourOwn:
         noise = np.random.default_rng(0)
         with pytest.raises(TypeError, match=r"has memory, noise or a branch$"):
             gradient(rne.traceable(lambda q: q[0] * noise.normal()), model)
+        calls = itertools.count()
+        with pytest.raises(TypeError, match=r"^`function`, traced, differs by \S+e-0[67] from a call: it has memory, "):
+            gradient(rne.traceable(lambda q: q[0] + 1e-7 * next(calls)), model)
 
 
 def test_derivatives_within_a_traced_law_are_derivatives():

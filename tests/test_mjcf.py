@@ -482,6 +482,20 @@ def test_shapes_are_the_geoms_that_mujoco_shows(tmp_path):
     assert rne.plotting.draw(rne.Robot(rne.load(written(tmp_path, ARM)).model), [0]).axes[0].name == "3d"
 
 
+def test_each_mesh_has_its_own_corners(tmp_path):
+    """Of files with several, whose corners MuJoCo keeps one after another."""
+    pytest.importorskip("trimesh")
+    corners = ("0 0 0 0.1 0 0 0 0.1 0 0 0 0.2", "1 0 0 -1 0 0 0 1 0 0 -1 0 0 0 1 0 0 -1")
+    meshes = "".join(f'<mesh name="{k}" vertex="{x}"/>' for k, x in enumerate(corners))
+    geoms = "".join(f'<geom type="mesh" mesh="{k}"/>' for k in range(2))
+    body = f'<worldbody><body name="a"><joint name="j"/>{INERTIAL}{geoms}</body></worldbody>'
+    shapes = link_shapes(rne.load(written(tmp_path, f"<asset>{meshes}</asset>{body}")).model)
+    assert [len(shape.mesh.vertices) for shape in shapes] == [4, 6]
+    low, high = (np.array([find(np.concatenate(x.faces()), axis=0) for x in shapes]) for find in (np.min, np.max))
+    assert low == pytest.approx(np.array([[0, 0, 0], [-1, -1, -1]]), abs=1e-6)  # of float32
+    assert high == pytest.approx(np.array([[0.1, 0.1, 0.2], [1, 1, 1]]), abs=1e-6)
+
+
 @pytest.mark.parametrize("package", ["trimesh", "mujoco"])
 def test_without_a_package_what_is_missing_of_a_picture_is_said(package, tmp_path, monkeypatch):
     model = rne.load(written(tmp_path, GEOMS.format(INERTIAL, 2), "other.xml")).model

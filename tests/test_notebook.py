@@ -215,6 +215,8 @@ def test_motion_page_has_a_picture_for_each_quantity_and_the_solver_message(moti
     assert labels == ["position [rad]", "velocity [rad/s]", "torque [N m]", "energy [J]", "energy error [J]"]
     assert motion.message in shown(page)
     assert all(len(picture.getcolors()) > 20 for picture in pictures(page))
+    assert {picture.width for picture in pictures(page)} == {245}  # of 50 pixels for each of 4.9 inches
+    assert {image.get("width") for image in page.iter("img")} == {"490"}
 
 
 def test_motion_page_of_a_failed_run_without_samples(irb140):

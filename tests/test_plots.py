@@ -546,6 +546,16 @@ def test_pictures_for_narrow_pages_are_of_one_size(swing, spread):
     assert heights[0] > heights[1]
 
 
+def test_a_small_picture_names_its_curves_in_a_legend_or_those_of_many_in_its_title():
+    t = np.linspace(0, 1, 3)
+    for n in (2, 12):
+        (_, draw), *_ = small_plots((t, np.outer(t, np.arange(n))))
+        figure = draw()
+        named = [text.get_text() for text in figure.legends[0].get_texts()] if figure.legends else []
+        assert named == (["joint_1", "joint_2"] if n == 2 else [])
+        assert figure.axes[0].get_title() == ("" if n == 2 else "joint_1 (blue) to joint_12 (red)")
+
+
 def test_the_legend_of_a_small_picture_is_below_the_robot(irb140):
     figure = small_picture(irb140, np.zeros(6))
     (legend,) = figure.legends or [ax.get_legend() for ax in figure.axes]
@@ -564,6 +574,17 @@ def test_no_line_of_a_prediction_is_drawn_over_two_steps():
     line = rne.plotting.prediction_plot(t, tau, tau, tau).axes[0].lines[0]
     assert np.flatnonzero(np.isnan(line.get_ydata())).tolist() == [3]
     assert line.get_xdata().tolist() == [0, 1, 2, 2, 4, 5]
+
+
+def test_the_band_of_a_prediction_is_seen_where_it_is_wider_than_the_residuals():
+    """1.96 standard deviations, in both panels: around the prediction, and over the velocity."""
+    t, tau, width = np.arange(4.0), np.ones((4, 1)), 1.96 * 0.5
+    over_time, over_velocity = rne.plotting.prediction_plot(t, tau + 1e-3, tau, tau, std=0.5).axes
+    (band,) = over_time.collections
+    assert band.get_paths()[0].vertices[:, 1].min() == pytest.approx(1 - width, rel=SAME)
+    assert band.get_paths()[0].vertices[:, 1].max() == pytest.approx(1 + width, rel=SAME)
+    low, high = over_velocity.get_ylim()
+    assert low < -width < width < high
 
 
 @pytest.mark.parametrize(

@@ -445,6 +445,21 @@ def test_machine_code_and_numpy_agree(name):
             np.testing.assert_allclose(slopes, expected, rtol=0, atol=1e-9 * max(1, np.abs(expected).max()))
 
 
+@pytest.mark.long
+def test_derivatives_of_a_motion_by_rodas5p_are_by_radau(chain):
+    pytest.importorskip("numba", reason="Numba is not installed")
+    scene, how = (
+        rne.Scene(chain, friction=rne.Friction(viscous=1.0)),
+        {"wrt": "friction.viscous", "t_eval": [0.0, 0.02]},
+    )
+    compiled = replace(scene, robot=rne.Robot(chain.model, "numba"))
+    found = rne.sensitivities(compiled, *START, 0.02, method="Rodas5P", **how)
+    exact = rne.sensitivities(scene, *START, 0.02, method="DOP853", **how)
+    assert found.message.startswith("Rodas5P as requested; ")
+    assert found.message.endswith("; derivatives by the variational equations, by Radau at rtol 1e-06")
+    assert relative(found.dq["friction.viscous"], exact.dq["friction.viscous"]) < 1e-4
+
+
 def test_derivatives_are_read_only_and_pickle(chain):
     found = rne.sensitivities(chain, *START, 0.02, wrt=["q0", "gravity"], step=0.01)
     assert list(found.dq) == ["q0", "gravity"]

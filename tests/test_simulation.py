@@ -336,6 +336,16 @@ class TestFailures:
             r"simulation stopped at t = 0\.\d+ s of 1 s: torque of 'joint0' is nan at t = 0\.\d+ s$", str(error)
         )
 
+    def test_an_overflow_at_a_time_of_t_eval_is_named_with_this_time(self, double):
+        """Which no step takes as the time of a stage."""
+
+        def law(t, q, qd):
+            return np.array([1e308, -1e308]) * (abs(t - 0.05) < 1e-9)
+
+        with pytest.raises(rne.SimulationError, match=r"; the result is not finite at t = 0\.05 s$") as caught:
+            rne.simulate(double, [0, 0], [0, 0], 0.1, torque=law, t_eval=[0, 0.03, 0.05, 0.1])
+        assert caught.value.trajectory.t.tolist() == [0, 0.03]
+
     @pytest.mark.parametrize("method", kept(METHODS, ["DOP853", "LSODA"]))
     def test_motion_that_runs_away_keeps_its_finite_part(self, double, method):
         def law(t, q, qd):

@@ -55,7 +55,10 @@ def test_c_computes_the_interval(name, method, tmp_path):
         np.testing.assert_allclose(out, end, rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.parametrize(("name", "method"), kept(EVERY, [("delay", "rk4"), ("torques", "semi-implicit-euler")]))
+@pytest.mark.parametrize(
+    ("name", "method"),
+    kept(EVERY, [("delay", "rk4"), ("stops", "semi-implicit-euler"), ("torques", "semi-implicit-euler")]),
+)
 def test_casadi_computes_the_interval_and_its_derivatives(name, method):
     ca = pytest.importorskip("casadi", reason="CasADi is not installed")
     stepper, names, x, u, W = made(name, method)

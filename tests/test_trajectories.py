@@ -184,3 +184,4 @@ def test_a_spline_shows_its_samples_and_keeps_them():
     assert "curve" not in repr(path)
     for array in (path.t, path.q):
         assert not array.flags.writeable
+    assert "curve" not in repr(rne.trajectories.sampled([0.0, 1.0, 2.0], [[0.0], [1.0], [0.0]]))

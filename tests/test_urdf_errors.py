@@ -353,6 +353,13 @@ WARNINGS = {
 }
 
 
+def test_control_characters_in_many_attributes_are_one_finding(write):
+    names = joint("x&#133;", "base", "y&#133;"), link("y&#133;")
+    found = [str(x) for x in rne.check(write(robot(link("base"), *names))) if "control characters" in str(x)]
+    assert len(found) == 1
+    assert found[0].endswith(r" read as the escapes in 'x\x85'; remove them here and elsewhere")
+
+
 @pytest.mark.parametrize("name", WARNINGS)
 def test_oddity_is_a_finding_and_the_robot_loads(name, write, capsys):
     elements, message = WARNINGS[name]

@@ -1,6 +1,7 @@
 """Runs that are watched: loops that become stiff on the way, and laws that chatter, end in bounded time."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -85,6 +86,16 @@ def test_a_law_with_noise_ends_after_bounded_work(block, kind):
         rne.simulate(rne.Scene(block, controller=law), [0.0], [0.0], 10.0)
     assert caught.value.trajectory.evaluations < 20_000
     assert len(calls) < 200_000
+
+
+def test_the_joint_whose_torque_is_noise_is_named():
+    rng = np.random.default_rng(0)
+    scene = rne.Scene(rne.Robot(straight_chain(2)), controller=lambda t, q, qd: np.array([0.5, rng.normal()]))
+    text = r"the torque of 'joint1' is (\S+) and, asked for again at the same time and state, (\S+) at t = "
+    with pytest.raises(rne.SimulationError, match=text) as caught:
+        rne.simulate(scene, [0.0, 0.0], [0.0, 0.0], 1.0)
+    first, again = re.search(text, str(caught.value)).groups()
+    assert first != again
 
 
 @pytest.mark.parametrize("method", kept(["DOP853", "RK45"], ["DOP853"]))
