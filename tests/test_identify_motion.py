@@ -503,6 +503,14 @@ def test_without_noise_numbers_are_found_to_the_last_digits(fast):
 
 
 @long
+def test_steps_are_refined_until_they_are_finer_than_the_positions(rod):
+    """Steps of the sample time, with which a fit begins, would leave 8 % of the friction."""
+    scene, wrt = scene_of(rod, coulomb=0.0), WRT[:2]
+    fit = fitted(scene, planted(scene, 0.8, 25, step=1e-4), wrt, folds=0, starts=1)
+    np.testing.assert_allclose(fit.values, truth(scene, wrt), rtol=0.02)  # of positions rounded to 1e-4 rad
+
+
+@long
 def test_rounding_by_encoders_is_what_is_left(fast):
     """From half and from 1.5 times the numbers; all within four standard errors; the residual is the rounding's."""
     scene = scene_of(fast)
