@@ -100,7 +100,7 @@ def skip_member(app, what, name, thing, skip, options):
 
 
 def link_to_gallery(app, docname, source):
-    """Pages link tutorials as files of the repository, which opens in other readers of Markdown too."""
+    """The list of tasks links tutorials as files of the repository, so that its links work there too."""
     source[0] = re.sub(r"\]\(tutorials/(\w+)\.py\)", r"](generated/tutorials/\1.rst)", source[0])
 
 

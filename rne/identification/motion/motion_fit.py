@@ -455,7 +455,7 @@ def identify_motion(
     shots = shots_of(scene, given, length, noise)
     longest = 1.0 if step is None else positive_number("step", step)
     problem = OutputError(unknowns, given, tuple(shots), np.maximum(noise, thresholds.OF_RANGE * spans), longest)
-    parts_of_folds(problem, folds)  # raises before a fit that takes long
+    parts_of_folds(problem, folds)  # an error now, not after a fit that takes long
     solver = MotionSolver(problem, noise, step is None, robust, progress)
     solver.from_starts(whole_number("starts", starts, least=1), seed)
     solver.refine()
